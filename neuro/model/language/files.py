@@ -35,8 +35,8 @@ def locate_recordings(find: Callable[[str | None], Path | None]) -> Iterator[Non
     """Find recordings outside the folder of the description, e.g. for descriptions stored in files of results.
 
     Args:
-        find: returns the path of a recording from its name in the description. None is the name of events that a
-            program passed.
+        find: returns the path of a recording from its name in the description. The name is None for events that were
+            passed to the network in Python and have no file.
     """
     token = _ELSEWHERE.set(find)
     try:
@@ -52,10 +52,10 @@ def recording(node: Node, name: str) -> Path | None:
 
 
 def of_program(node: Node, what: str) -> None:
-    """Return None for events that a program passed, if `locate_recordings` is in use.
+    """Return None, the value of a recording whose events were passed in Python and have no file.
 
     Raises:
-        ModelError: `locate_recordings` is not in use.
+        ModelError: `locate_recordings` is not in use, so the events cannot be found.
     """
     if (find := _ELSEWHERE.get()) is None:
         raise mistake(node, f"{what}: events of a program: expected a file", "write file: NAME")
@@ -116,7 +116,7 @@ def file_and_words(node: Node, endings: tuple[str, ...]) -> tuple[Path, dict[str
 
 
 def check_name_and_key(file: Node, ending: str, endings: tuple[str, ...], whole: Node, key: Node | None) -> None:
-    """Raise an error for a file name with another ending, a missing key, or a key without use.
+    """Raise an error for a file name with another ending, or for a key that is missing or must not be there.
 
     Args:
         file: the node with the name.
@@ -214,6 +214,7 @@ def check_numbers(data: Any, node: Node, what: str) -> None:
 
 CSV = ".csv"
 COLUMNS = ("times", "ids")
+"""Columns of a file of spikes."""
 _STEPS = ("steps", "ids", "multiplicity")
 """Data sets with the spikes of a population in a file of results."""
 
@@ -271,7 +272,8 @@ def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
 def _group(path: Path, key: str) -> tuple[list[str], Clock | None] | None:
     """Return the names in a group, and the clock if there is a data set `steps`, as in files of results.
 
-    The result is None if there is no such group, or if the file cannot be read: reading the data reports the error.
+    The result is None if there is no such group. It is also None if the file cannot be read, because the function that
+    reads the data reports this error.
     """
     import h5py
 
@@ -292,7 +294,7 @@ def _npy(path: Path, file: Node) -> NDArray[np.float64]:
     try:
         fields = np.load(path, mmap_mode="r", allow_pickle=False).dtype.names
     except (OSError, ValueError, EOFError, MemoryError, SyntaxError):
-        fields = None  # reading the values below reports the error
+        fields = None  # `npy` below reports the error
     if fields is None:
         return _two_columns(npy(path, file), file, label)
     _check_columns(list(fields), file, label)

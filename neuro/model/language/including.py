@@ -11,7 +11,9 @@ from neuro.model.language.files import inside
 from neuro.model.language.reader import MAX_DEPTH, Node, found_text, mistake, plain, read, within, words
 
 OWN = ("neuro", "name", "include")
+"""Sections that are not taken from included files."""
 GATHERED = ("parameters", "models", "populations", "projections", "signals", "groups", "probes")
+"""Sections that may be spread over several files. Each is a mapping from names to parts."""
 SECTIONS = (*OWN, "resolution", *GATHERED[:-1], "trials", "probes", "readout", "world")
 VERSION = 1
 
@@ -21,7 +23,7 @@ def gather(path: Path, reading: Callable[[Path], Node] = read) -> dict[str, Node
 
     Args:
         path: the file.
-        reading: returns the content of a file.
+        reading: function that returns the content of a file.
 
     Returns:
         The sections by name. Parts of included files come before the parts of the file.

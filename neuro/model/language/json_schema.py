@@ -116,7 +116,7 @@ def _models() -> Schema:
 def _networks(own: bool) -> Schema:
     """Return the schemas of populations and projections.
 
-    With `own` the network may have models of its own, so that unknown names of models are accepted.
+    With `own` the network may define models of its own, so unknown names of models are accepted.
     """
     return {"properties": {f"{cls.word}s": _mapping_of_parts(_part(cls, own), cls) for cls in (Population, Projection)}}
 
@@ -204,7 +204,7 @@ def _quantity(q: Quantity, default: Any = MISSING, own: bool = False) -> Schema:
 
 
 def _units(q: Quantity) -> list[Schema]:
-    """Return the schema of numbers with a unit, for quantities with a unit or with the unit of the described value."""
+    """Return the schema of numbers with a unit, or [] for a quantity without one. `of_value` accepts any unit."""
     if q.of_value or q is WEIGHT or q is INITIAL:
         return [_measured(*UNITS)]
     try:

@@ -1,5 +1,7 @@
 """Loading of a description in YAML as a `Network`.
 
+Some neurons of a population are named by an index, by ids or by columns:
+
 | neurons | in YAML | on a command line |
 | --- | --- | --- |
 | whole population | `exc` | `exc` |
@@ -170,7 +172,7 @@ def _with_array(cls: type[Choice], node: Node) -> Node:
 def part(node: Node, accepted: Iterable[str], label: str, needs: Iterable[str]) -> dict[str, Node]:
     """Return the words of a part, see `words`.
 
-    If a parameter of the part's model stands one level too high, the error shows the right place.
+    If a parameter of the part's model is given one level too high, the error shows the right place.
     """
     names = list(accepted)
     for word, inner in node.value.items() if isinstance(node.value, dict) else ():
@@ -192,7 +194,7 @@ def _corrected_line(node: Node, word: str) -> str:
 
 
 def _parameter_named(word: str, cls: type[Choice]) -> str:
-    """Return the parameter that a word of neuro or of another tool names in a class, or ""."""
+    """Return the name in neuro of a parameter of a class. `word` may be its name in another tool. "" if not found."""
     parameters = cls.quantities()
     return next((name for name in (word, *ELSEWHERE.get(word.lower(), ())) if name in parameters), "")
 
@@ -222,7 +224,7 @@ def _class_named(name: str, node: Node, kind: str, network_classes: Mapping[str,
 
 
 def _regroup(node: Node, kind: str) -> str:
-    """Return a hint that rewrites `{type: name, parameter: value}` and the like as `{name: {parameter: value}}`."""
+    """Return a hint for a flat mapping such as `{type: name, tau_m: 5}`: `{name: {tau_m: 5}}`. "" if there is none."""
     if not isinstance(node.value, dict):
         return ""
     table = TABLES[kind]
@@ -263,7 +265,7 @@ def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
         The network, in which all `$names` are replaced by values.
 
     Raises:
-        ModelError: the description has a mistake. The error tells the file, line and column, and the expected value.
+        ModelError: the description has a mistake. The error names the file, line and column, and the expected value.
     """
     file = file_path(path, "path")
     refuse_name(file)
@@ -285,7 +287,7 @@ def build(sections: Mapping[str, Node], every_mistake: bool = False) -> Network:
 
 
 class _Builder:
-    """Builder of a network. Sections are added in an order in which each refers to earlier ones only."""
+    """Builder of a network. The order of the sections is such that each section refers to earlier sections only."""
 
     def __init__(self, sections: Mapping[str, Node], every_mistake: bool) -> None:
         self.sections, self.every_mistake = sections, every_mistake
@@ -370,7 +372,7 @@ class _Builder:
         return choice(node, word, self.synapses) if word == "synapse" else value(q, node, word)
 
     def model_named(self, node: Node) -> Model:
-        """Return the model of a population. Populations that give the same name without parameters share one object."""
+        """Return the model of a population. Populations with the same model without parameters share one object."""
         name = node.value if isinstance(node.value, str) else ""
         model: Model = self.shared_models[name] if name in self.shared_models else choice(node, "model", self.models)
         if name:

@@ -60,6 +60,8 @@ def resolve(sections: Mapping[str, Node], overrides: Mapping[str, Any], origin: 
 
 
 class _Names:
+    """Values of the parameters that were read so far, and which of the names are used."""
+
     def __init__(self, nodes: Mapping[str, Node]) -> None:
         self.nodes = nodes
         self.values: dict[str, tuple[Node, str]] = {}
@@ -116,9 +118,9 @@ class _Names:
         try:
             self._check(name.name, name.name, node)
         except ModelError as error:
-            wrong = expression.mistake(name.at, error.message, error.hint)
-            wrong.kind = error.kind
-            raise wrong from None
+            located_error = expression.mistake(name.at, error.message, error.hint)
+            located_error.kind = error.kind
+            raise located_error from None
         self.used.add(name.name)
         value = self.values[name.name][0].value
         if is_measure(value):
@@ -141,18 +143,20 @@ class _Names:
         error = unknown("parameter", label, (f"{sign}{defined}" for defined in self.nodes))
         raise put_at(node, error if self.nodes else error.but(hint=f"add parameters: {{{name}: ...}}"))
 
-    def _value_at(self, value: Node, to: Node, depth: int) -> Node:
-        """Return a copy of a value at the position of its use."""
+    def _value_at(self, value: Node, use: Node, depth: int) -> Node:
+        """Return a copy of a parameter's value with the position of the node `use`, where the name is used."""
         self.n_substituted += 1
         if self.n_substituted > MAX_SUBSTITUTED or depth > MAX_DEPTH:
             limit = f"{MAX_DEPTH} levels" if depth > MAX_DEPTH else f"{MAX_SUBSTITUTED} values"
-            raise ModelError(f"parameters expand to more than {limit}: expected fewer", where=to.where, hint=to.source)
+            raise ModelError(
+                f"parameters expand to more than {limit}: expected fewer", where=use.where, hint=use.source
+            )
         inner = value.value
         if isinstance(inner, list):
-            inner = [self._value_at(item, to, depth + 1) for item in inner]
+            inner = [self._value_at(item, use, depth + 1) for item in inner]
         elif isinstance(inner, dict):
-            inner = {word: self._value_at(item, to, depth + 1) for word, item in inner.items()}
-        return Node(inner, to.where, to.label, to.source)
+            inner = {word: self._value_at(item, use, depth + 1) for word, item in inner.items()}
+        return Node(inner, use.where, use.label, use.source)
 
 
 def as_node(value: Any, position: Node) -> Node:

@@ -46,7 +46,7 @@ class Node:
         value: None, a boolean, number or word, a list of nodes, or a mapping from words to nodes.
         where: position of the value.
         label: position of the word before the value, or of the value if no word precedes.
-        text: position of the first letter of a word; None if escapes shift the letters.
+        text: position of the first letter of a word; None if the word has escapes, which shift its letters.
         source: origin of a value that replaced a parameter, such as "$w is set at net.yaml:4:3".
     """
 
@@ -67,8 +67,8 @@ def read(
         path: the file.
         expected: the expected content, for messages.
         begin: an example of the first line, for messages.
-        repeated_words: list for the errors of repeated words; the first value then counts. If None, these errors are
-            raised.
+        repeated_words: list to which errors of repeated words are added. The first value of a repeated word is used. If
+            the list is None, these errors are raised.
 
     Raises:
         ModelError: the file cannot be read, is empty, or uses YAML features beyond plain data.
@@ -211,7 +211,7 @@ class _Reader:
 
 
 def _text_position(event: Any, where: Where) -> Where | None:
-    """Return the position of a word's first letter; None if escapes shift the letters."""
+    """Return the position of a word's first letter, or None if escapes shift its letters."""
     quotes = 1 if event.style else 0
     begin, end = event.start_mark, event.end_mark
     is_literal = begin.line == end.line and end.column - begin.column == len(event.value) + 2 * quotes
@@ -276,7 +276,7 @@ def words(node: Node, known: Iterable[str], label: str, needs: Iterable[str] = (
         known: the accepted words.
         label: thing that the mapping describes, for messages.
         needs: the required words.
-        kind: the kind of the words, for messages. The default is "word of WHAT".
+        kind: the kind of the words, for messages. The default is "word of LABEL".
 
     Raises:
         ModelError: the node is not a mapping, or a word is unknown, has no value or is missing.
@@ -307,7 +307,7 @@ def _unknown_word(word: str, value: Node, names: list[str], kind: str) -> ModelE
 
 @contextmanager
 def about(node: Node, context: str = "") -> Iterator[None]:
-    """Give each error raised inside the position of the value at the error's path."""
+    """Add a position to errors that are raised inside: that of the value at the path of the error, from `node`."""
 
     def with_position(error: ModelError) -> ModelError:
         error_node = follow(node, error.path)
@@ -321,7 +321,7 @@ def about(node: Node, context: str = "") -> Iterator[None]:
 
 @contextmanager
 def within(context: str) -> Iterator[None]:
-    """Begin the messages of errors raised inside with `context`."""
+    """Put `context` before the messages of errors that are raised inside."""
     try:
         yield
     except ModelError as error:

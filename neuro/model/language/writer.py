@@ -42,8 +42,9 @@ def save(net: Description, path: str | Path, anywhere: bool = False) -> None:
     Args:
         net: the network.
         path: a name ending in `.yaml` or `.yml`.
-        anywhere: whether the network may play recordings that are in other folders or in memory. The file then loads
-            only where these recordings are found.
+        anywhere: whether the network may play recordings that are in other folders or in memory. Such a file can only
+        be
+            loaded where these recordings are found.
 
     Raises:
         ModelError: the file cannot be written, or the HDF5 file exists and holds something else.
@@ -76,7 +77,7 @@ def check_network_file(path: str | Path) -> Path:
 
 
 def to_text(sections: dict[str, Any]) -> str:
-    """Return a description as YAML. A part that fits is written on one line."""
+    """Return a description as YAML. A part that fits in a line is written on one line."""
     lines = []
     for word, section in sections.items():
         if isinstance(section, dict):
@@ -158,8 +159,8 @@ class Arrays:
 
     Args:
         file: the name of the HDF5 file of the arrays.
-        folder: the folder of the text, in or below which recordings must be. None: recordings keep the names that the
-            network has for them.
+        folder: the folder of the text. Recordings must be in this folder or below. If it is None, recordings may be
+            anywhere and keep the names that the network has for them.
     """
 
     def __init__(self, file: str, folder: Path | None = None) -> None:
@@ -186,10 +187,10 @@ class Arrays:
         return path.resolve().relative_to(folder).as_posix()
 
     def events(self, key: str) -> None:
-        """Return None for events that the user passed as an object in Python, if the text need not be complete.
+        """Return None, the value in the text of events that the user passed as an object in Python.
 
         Raises:
-            ModelError: the text must be complete, but cannot contain such events.
+            ModelError: recordings must be files in the folder of the text.
         """
         if self._folder is not None:
             raise ModelError(
@@ -223,10 +224,10 @@ def _part(part: Part, arrays: Arrays) -> Any:
     if isinstance(part, Group):
         return _choice(part.choice, arrays, part.name)
     values = {word: part.value(word) for word in part.words}
-    empty = {
+    default_words = {
         word for word, value in values.items() if value is None or value is False or (word == "initial" and not value)
     }
-    return _values({word: value for word, value in values.items() if word not in empty}, arrays, part.name)
+    return _values({word: value for word, value in values.items() if word not in default_words}, arrays, part.name)
 
 
 def _models(net: Description) -> dict[str, Any]:

@@ -46,12 +46,13 @@ class loihi_static(Synapse):
 
     The weight of the projection is the mantissa m.
 
-    Mixed: m from -256 to 254 in steps of 2; excitatory: 0 to 255; inhibitory: -255 to 0. With fewer weight bits the
-    lowest bits are dropped (towards 0), one more in mixed mode. The sum is clipped to +-(2^21 - 64). The weight read
-    back is the amount added / (64 2^weight_exp), without the dropped bits. The mantissa register keeps all bits.
+    The sign mode `mixed` has m from -256 to 254 in steps of 2, `excitatory` 0 to 255, `inhibitory` -255 to 0. With
+    fewer weight bits the lowest bits are dropped (rounded towards 0); mixed mode drops one bit more. The sum is clipped
+    to +-(2^21 - 64). A weight that is read back is the added amount / (64 2^weight_exp), without the dropped bits. The
+    mantissa register keeps all bits.
 
-    Source: Michaelis et al., Front. Neuroinform. 16:1015624, 2022, which shifts each weight and reports a match with
-    the chip.
+    Source: Michaelis et al., Front. Neuroinform. 16:1015624, 2022. They shift each weight and report a match with the
+    chip.
     """
 
     equation: ClassVar[str] = "sends 64 floor(m 2^weight_exp)"
@@ -68,8 +69,9 @@ class loihi2_static(Synapse):
     """Synapse that adds the sum of m p over the spikes of a step, shifted by weight_exp.
 
     m is the weight and p the payload.
-    Mixed: m from -256 to 255; excitatory: 0 to 255; inhibitory: -255 to 0. Weights beyond are clipped. The lowest
-    8 - num_weight_bits bits are dropped, one more in mixed mode, rounded down, or towards 0 in inhibitory mode. A
+    The sign mode `mixed` has m from -256 to 255, `excitatory` 0 to 255, `inhibitory` -255 to 0. Weights out of range
+    are clipped. The lowest 8 - num_weight_bits bits are dropped, in mixed mode one more. Weights are thus rounded down,
+    and in inhibitory mode towards 0. A
     negative weight_exp rounds down the sum of all spikes of a step and delay, instead of each weight as on Loihi 1. In
     lava: Dense, Sparse, DelayDense, DelaySparse.
     """
@@ -88,7 +90,7 @@ class loihi2_static(Synapse):
 class loihi2_convolution(Synapse):
     """Synapse that adds the sum of w p over the spikes of a step.
 
-    Weights are whole numbers of 8 bits and a sign, all bits of which count.
+    Weights are whole numbers of 8 bits and a sign. No bit is dropped.
 
     With `wraps` the sum of a step and delay is a two's complement of 24 bits. In lava: Conv, which ignores the weight
     exponent and the number of bits, and ConvInTime, whose sums do not wrap.
@@ -159,7 +161,8 @@ class loihi_learning(RegisterLearning):
     """Synapse whose mantissa changes by `dw` and whose tag changes by `dt`, sums of products, at the end of each epoch.
 
     A product consists of whole numbers, powers 2^n and factors joined by "*": x0 and y0 (a pre or post spike in this
-    epoch), x1, x2, y1, y2, y3 (traces), w, t, (factor + constant), u_k (1 in every 2^k-th epoch). A spike increases a
+    epoch), x1, x2, y1, y2, y3 (traces), w (weight), t (tag), (factor + constant), u_k (1 in every 2^k-th
+    epoch). A spike increases a
     trace by its impulse, up to 127. Per step a trace is multiplied by 1 - 1/tau (with `trace_decay: exponential` by
     exp(-1/tau)).
 
@@ -194,11 +197,12 @@ class loihi2_learning(RegisterLearning):
 
     `dw` and `dt` have the same form as in `loihi_learning`. lava drops the low bits of products of more than 15 bits,
     so these changes are smaller than their formula. Per step a trace is multiplied by exp(-1/tau) (0 at tau 0) and
-    rounded with one random number per epoch for all sources and one for all targets. Another random number rounds all
-    weights. If a neuron spikes several times in an epoch, the last spike counts at its step and the others at the
-    beginning.
+    rounded at random. In each epoch the traces of all sources use one random number, those of all targets a second one,
+    and all weights a third one. If a neuron spikes several times in an epoch, the last spike counts at its step, and
+    the earlier spikes count at the beginning of the epoch.
 
-    Payloads p may increase x1 (`graded`, lava's graded_spike_cfg) by p/2 rounded to even, mod 256. `overwrite` sets x1,
+    With `graded` (lava's graded_spike_cfg) a payload p increases x1 by p / 2, rounded to the nearest even number for
+    ties, mod 256. `overwrite` sets x1,
     `add_with_saturation` adds up to 127, and `add_without_saturation` adds and keeps the excess above 127; only an
     excess then counts as a spike, which increases x2. Random numbers depend on the network's seed; with `rng_seed` they
     are lava's own. In lava: LearningDense with Loihi2FLearningRule. Source: lava 0.10,
@@ -266,8 +270,8 @@ class LoihiEngine:
     Attributes:
         h: length of a step in ms.
         tau_minus: time constant of the target's K- in ms.
-        mantissa: weight of one mantissa, in the unit of the weight.
-        n: modulator of one unit of r1, which holds the positive part of n, and of r2, which holds the negative part.
+        mantissa: weight of the mantissa 1, in the unit of the weight.
+        n: change of the modulator n for one unit of r1 or r2. r1 has the positive part of n, r2 the negative part.
         modulatory: traces r1 and r2 of a rule with a modulator.
     """
 
@@ -390,10 +394,10 @@ class _Reader:
         except ModelError as error:
             raise self.wrong(error.message, error.hint) from None
 
-    def period(self, token: str, before: int) -> int:
+    def period(self, token: str, earlier_period: int) -> int:
         period = int(token[1:])
-        if before >= 0:
-            raise self.wrong(f"'{token}' and 'u{before}' in one product: expected one of them")
+        if earlier_period >= 0:
+            raise self.wrong(f"'{token}' and 'u{earlier_period}' in one product: expected one of them")
         if period > LARGEST_U:
             raise self.wrong(f"'{token}': expected u0 to u{LARGEST_U}")
         return period
@@ -407,7 +411,7 @@ class _Reader:
     def sum_of_two(self) -> tuple[Factor, int]:
         """Parse (name + constant) in any order.
 
-        Return the factor, and the sign to factor out so that the name has a +.
+        Return the factor with a positive name, and the sign that is factored out: (3 - x1) gives (x1 - 3) and -1.
         """
         name, sign, constant = "", 1, 0
         while True:

@@ -16,7 +16,7 @@ TAU_PLUS, LAMBDA, ALPHA, MU_PLUS, MU_MINUS, W_MAX = range(6)
 DEPRESSION, MU = 2, 3
 LIMIT, A_PLUS, A_PLUS_TRIPLET, A_MINUS, A_MINUS_TRIPLET = range(5)
 ETA = 1
-"""Indices of the constants. The first line belongs to `WeightDependent`, the others to other rules."""
+"""Indices of the constants. The first line belongs to `WeightDependent`, each later line to one or two other rules."""
 
 LARGEST_WEIGHT: Mapping[str, Any] = {
     "doc": "largest weight, in the unit of the weight; negative if inhibitory",
@@ -28,7 +28,7 @@ LARGEST_WEIGHT: Mapping[str, Any] = {
 
 
 def power(share, mu):
-    """Return a power above 0 of a share of Wmax. The frequent power 1 is free."""
+    """Return share^mu, mu > 0, of a share of Wmax. The exponent 1, which is frequent, costs no computation."""
     return share if mu == 1.0 else share**mu
 
 
@@ -63,7 +63,7 @@ def within(w, w_max):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WeightDependent(Synapse):
-    """Base of the rules between additive (mu = 0) and multiplicative (mu = 1): Guetig et al., 2003."""
+    """Base of the rules with a weight dependence from additive (mu = 0) to multiplicative (mu = 1), Guetig et al."""
 
     learns: ClassVar[str] = "pairs"
     width: ClassVar[int] = 6
@@ -92,8 +92,8 @@ class WeightDependent(Synapse):
 class stdp(WeightDependent):
     """STDP of all pairs of spikes, between additive (mu = 0) and multiplicative (mu = 1).
 
-    Additive: mu_plus = mu_minus = 0. Soft bounds: both 1. Van Rossum: mu_plus = 0, mu_minus = 1. Guetig: both in
-    between.
+    The additive rule has mu_plus = mu_minus = 0, the rule with soft bounds has 1 for both, that of van Rossum has
+    mu_plus = 0 and mu_minus = 1, and that of Guetig has values between 0 and 1.
     The weight changes at pre spikes. A negative Wmax makes the synapse inhibitory.
     Source: NEST 3.10, `stdp_synapse`; Guetig et al., J. Neurosci. 23:3697, 2003; van Rossum, Bi & Turrigiano,
     J. Neurosci. 20:8812, 2000; Morrison, Diesmann & Gerstner, Biol. Cybern. 98:459, 2008.
@@ -141,11 +141,11 @@ class stdp_nn_pre_centered(WeightDependent):
     pre: ClassVar[tuple[Trace, ...]] = (Trace("tau_plus", nearest=True),)
     post: ClassVar[tuple[Trace, ...]] = (Trace("tau_minus", nearest=True),)
     states: ClassVar[tuple[State, ...]] = (
-        State("unanswered", "", "K+ of the pre spikes since the last post spike, at the last of them", hidden=True),
+        State("unanswered", "", "K+ at the last pre spike, from the pre spikes since the last post spike", hidden=True),
     )
 
     def on_post(y, e, c, pre, post):
-        """Potentiate by the pre spikes since the last post spike. `pre` is the decay of K+ since the last pre spike."""
+        """Potentiate by the pre spikes since the last post spike. `pre[0]` is the decay of K+ since the last of them."""
         y[0, e] = potentiated(y[0, e], y[1, e] * pre[0], c)
         y[1, e] = 0.0
 
@@ -159,7 +159,8 @@ class stdp_nn_pre_centered(WeightDependent):
 class stdp_nn_restr(WeightDependent):
     """STDP in which each spike pairs only with its immediate neighbour of the other side.
 
-    Of the post spikes between two pre spikes the first potentiates, and the last depresses at the second pre spike.
+    If several post spikes lie between two pre spikes, the first of them potentiates. The last of them counts when the
+    second pre spike depresses.
     NEST behaves as if a pre spike had arrived at time 0. `pre_at_start` does the same.
     Source: NEST 3.10, `stdp_nn_restr_synapse`; Morrison, Diesmann & Gerstner, Biol. Cybern. 98:459, 2008, fig. 7C.
     """
@@ -193,11 +194,11 @@ class stdp_nn_restr(WeightDependent):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class stdp_literal(Synapse):
-    """Multiplicative STDP of all pairs, read literally as w (1 + dw).
+    """Multiplicative STDP of all pairs, in which each pair multiplies the weight by 1 + dw.
 
-    A weight of 0 does not change, and there is no maximum.
+    This is the literal form of eq. 19. A weight of 0 does not change, and there is no maximum.
 
-    `stdp` with mu_plus = mu_minus = 1 is the multiplicative rule with soft bounds.
+    The multiplicative rule with soft bounds is `stdp` with mu_plus = mu_minus = 1.
     Source: Mosca, MSc thesis, 2020, eq. 19.
     """
 
@@ -260,9 +261,9 @@ class stdp_pl_hom(Synapse):
 class stdp_triplet(Synapse):
     """STDP by pairs and triplets, all to all. Each side has a fast and a slow trace.
 
-    The slow traces, K+3 and K-3, have their values just before the spike. The defaults are the fit to data from visual
-    cortex. A negative Wmax makes the synapse inhibitory. Source: NEST 3.10, `stdp_triplet_synapse`, where
-    tau_minus_triplet is a parameter of the neuron; Pfister & Gerstner, J. Neurosci. 26:9673, 2006.
+    The slow traces K+3 and K-3 are read just before the spike of their own side is added. The defaults are the fit to
+    data from visual cortex. A negative Wmax makes the synapse inhibitory. Source: NEST 3.10, `stdp_triplet_synapse`,
+    where tau_minus_triplet is a parameter of the neuron; Pfister & Gerstner, J. Neurosci. 26:9673, 2006.
     """
 
     equation: ClassVar[str] = (
@@ -311,9 +312,9 @@ class vogels_sprekeler(Synapse):
     """Homeostatic plasticity of inhibitory synapses, which keeps the post neuron at a target rate.
 
     Near coincidences of either order strengthen the synapse, and each pre spike weakens it. The target rate is
-    alpha / (2 tau). Wmax is negative for an inhibitory synapse. K- has the target's own tau_minus, which is tau in the
-    paper. Source: NEST 3.10, `vogels_sprekeler_synapse`; Vogels, Sprekeler, Zenke, Clopath & Gerstner, Science
-    334:1569, 2011.
+    alpha / (2 tau). Wmax is negative for an inhibitory synapse. The time constant of K- is the target's parameter
+    tau_minus; in the paper it is tau. Source: NEST 3.10, `vogels_sprekeler_synapse`; Vogels, Sprekeler, Zenke, Clopath
+    & Gerstner, Science 334:1569, 2011.
     """
 
     equation: ClassVar[str] = "post: |w| += eta K+; pre: |w| += eta (K- - alpha)"
@@ -347,8 +348,8 @@ class vogels_sprekeler(Synapse):
 class tsodyks2(Synapse):
     """Short-term plasticity: a pre spike releases the share u of the available resources x, and w u x is sent.
 
-    The weight w does not change. Between spikes x recovers towards 1 and u decays towards 0. u and x are recorded as of
-    the last pre spike. Initially x is 1 and u is U, whereas in NEST u is 0.5 by default, whatever U is.
+    The weight w does not change. Between spikes x recovers towards 1 and u decays towards 0. The recorded u and
+    x are their values at the last pre spike. Initially x is 1 and u is U. In NEST u is initially 0.5 for any U.
     Source: NEST 3.10, `tsodyks2_synapse`; Maass & Markram, Neural Networks 15:155, 2002.
     """
 
@@ -379,7 +380,7 @@ class tsodyks2(Synapse):
         c[0] = p[0]
 
     def on_post(y, e, c, pre, post):
-        """Do nothing."""
+        """Do nothing, because the rule has no post traces."""
 
     def on_pre(y, e, c, pre, post):
         """Update u and x for the time since the last pre spike. The first spike finds the synapse at rest."""
@@ -410,10 +411,10 @@ class stddp(DelayRule):
     """Spike-timing-dependent delay plasticity: delays change so that inputs arrive together. Weights do not change.
 
     The delay of a synapse increases if a pre spike arrives before a post spike, and decreases if it arrives after. A
-    post spike pairs with the last pre spike emitted before it, a pre spike with the last post spike. The window is A dt
-    exp(-|dt|/tau) or, with `by_step`, one step of the network up to |dt| = tau.
-    Source: Wang et al., 2014, in Mosca, MSc thesis, 2020, fig. 32, which gives the direction; the windows are choices
-    of this project.
+    post spike pairs with the last pre spike emitted before it, and a pre spike pairs with the last post spike. The
+    window is A dt exp(-|dt|/tau) or, with `by_step`, one step of the network up to |dt| = tau. Source: Wang et al.,
+    2014, in Mosca, MSc thesis, 2020, fig. 32. The figure gives the direction of a change; the windows are choices of
+    this project.
     """
 
     equation: ClassVar[str] = "d += A dt exp(-|dt|/tau), or a step, dt = t_post - (t_pre + d)"

@@ -31,7 +31,7 @@ def softly(w, rate, w_min, w_max):
 
 
 def rate_of(since, lesson, c):
-    """Return the rate of an input of a rewarded or punished neuron. A spike in the tick of the decision is before it."""
+    """Return the rate of an input of a rewarded or punished neuron. `since` is 0 in the tick of the decision."""
     if lesson > 0.0:
         return c[AR_PLUS] if since >= 0.0 else c[AR_MINUS]
     return c[AP_MINUS] if since >= 0.0 else c[AP_PLUS]

@@ -40,9 +40,9 @@ class Edges:
     """Edges in the order of the file.
 
     Attributes:
-        pre, post: source and target neurons.
-        weight, delay: factors of weight and delay. None: 1 for all edges.
-        sign: sign of the transmitter of each source neuron, if the source neurons have transmitters, else None.
+        pre, post: indices of source and target neurons, shape (edges,).
+        weight, delay: factors of weight and delay, shape (edges,). None stands for 1 for all edges.
+        sign: sign of the transmitter of each source neuron, shape (sources,), or None if transmitters belong to edges.
     """
 
     pre: NDArray[np.int32]
@@ -53,7 +53,7 @@ class Edges:
 
 
 class End(Protocol):
-    """Protocol of the neurons at an end of the edges."""
+    """Protocol of the neurons at one end of the edges: the sources or the targets."""
 
     @property
     def ids(self) -> Ids:
@@ -64,17 +64,17 @@ class End(Protocol):
         """Number of neurons."""
 
     def find(self, ids: Column, places: bool) -> NDArray[np.int64]:
-        """Return the neuron with each id."""
+        """Return the index of the neuron with each id. With `places` the ids are these indices already."""
 
 
 class Counted:
-    """Neurons of a population without a table, whose ids are counted from 0."""
+    """Neurons of a population without a table. Their ids are counted from 0."""
 
     def __init__(self, n: int, name: str) -> None:
         self.ids, self.size = Ids(None, n, f"'{name}', whose ids are 0 to {n - 1}"), n
 
     def find(self, ids: Column, places: bool) -> NDArray[np.int64]:
-        """Return the neuron with each id, `NOT_IN_TABLE` for unknown ids."""
+        """Return the index of the neuron with each id, or `NOT_IN_TABLE` for an unknown id."""
         return self.ids.find(ids)
 
 
@@ -108,15 +108,15 @@ class _Reader:
         if self.table.places and self.table.places != shape:
             message = f"{rule.file}: a matrix of shape {list(self.table.places)}: expected {list(shape)}"
             raise ModelError(f"{message}, a row for each source and a column for each target")
-        sonata = any(name in self.table.names for name in _NAMES.values())
-        self.pre, self.post = (getattr(rule, end) or (_NAMES[end] if sonata else end) for end in _NAMES)
+        is_sonata = any(name in self.table.names for name in _NAMES.values())
+        self.pre, self.post = (getattr(rule, end) or (_NAMES[end] if is_sonata else end) for end in _NAMES)
         self.conditions = [Condition(text) for text in rule.where]
         weight = rule.weight or ("weight" if self.table.names == MATRIX else None)
         self.weight = weight
         self.sign = self._sign_of_sources() if rule.dale else None
 
     def parts(self) -> Iterator[tuple[Any, ...]]:
-        """Yield source, target, factor of the weight and factor of the delay for each piece."""
+        """Yield the sources, targets, factors of weights and factors of delays of each piece of the file."""
         rule, places = self.rule, bool(self.table.places)
         kinds = {name: NUMBER for condition in self.conditions for name in condition.names}
         kinds |= {name: NUMBER for name in (self.weight, rule.delay) if name}
@@ -137,19 +137,19 @@ class _Reader:
             factor = None if self.weight is None else np.asarray(_select(piece.columns[self.weight], row_selection))
             sign = self._sign(piece, row_selection, ends[0])
             delay = None if rule.delay is None else self._delays(piece, row_selection)
-            inside = (ends[0] >= 0) & (ends[1] >= 0)
+            is_used = (ends[0] >= 0) & (ends[1] >= 0)
             if sign is not None:
-                inside &= sign != 0.0
+                is_used &= sign != 0.0
                 factor = sign if factor is None else factor * sign
-            inside_selection = slice(None) if inside.all() else inside
-            numbers = [None if values is None else values[inside_selection] for values in (factor, delay)]
-            yield (*(end[inside_selection].astype(np.int32) for end in ends), *numbers)
+            used_rows = slice(None) if is_used.all() else is_used
+            numbers = [None if values is None else values[used_rows] for values in (factor, delay)]
+            yield (*(end[used_rows].astype(np.int32) for end in ends), *numbers)
 
     def _matching_rows(self, piece: Piece) -> NDArray[np.int64] | slice:
         """Return the rows for which all conditions hold."""
         if not self.conditions:
             return slice(None)
-        return np.flatnonzero(np.logical_and.reduce([each.holds(piece.columns) for each in self.conditions]))
+        return np.flatnonzero(np.logical_and.reduce([condition.holds(piece.columns) for condition in self.conditions]))
 
     def _find(self, piece: Piece, row_selection: Any, word: str, end: End) -> NDArray[np.int64]:
         ids = _select(piece.columns[word], row_selection)
@@ -193,7 +193,7 @@ class _Reader:
         return sign
 
     def _sign_of_sources(self) -> Floats:
-        """Return the sign of each source neuron, NaN if its transmitter has no sign."""
+        """Return the sign of each source neuron, shape (sources,). It is NaN if the transmitter has no sign."""
         if not isinstance(self.source, Neurons):
             message = "from_file.dale: the source has no table of neurons: expected one with a column of transmitters"
             raise ModelError(message, hint="neurons=neuro.neuron_table(file, id=...)", path=("dale",))
@@ -220,7 +220,7 @@ def _select(column: Column, row_selection: Any) -> Column:
 
 
 def _row(piece: Piece, row_selection: Any, at: int) -> int:
-    """Return the number of a selected row in the file."""
+    """Return the number in the file of the selected row at index `at`."""
     return piece.row(at if isinstance(row_selection, slice) else int(row_selection[at]))
 
 
@@ -246,7 +246,7 @@ def shuffle_edges(edges: Edges, what: str, rng: np.random.Generator, same: bool)
             itself, unless the file has such edges. "signs": source neurons exchange their transmitters, or edges
             exchange signs if transmitters belong to edges. "weights": edges exchange absolute weights and keep signs.
         rng: random numbers.
-        same: whether source and target are one population.
+        same: whether source and target are the same population.
 
     Raises:
         ModelError: the file has no signs or weights, or there are too few pairs to exchange targets.
@@ -291,7 +291,7 @@ def _exchange_targets(
 
 
 def _repeats(pre: NDArray[np.int32], post: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return the edges whose pair also occurs earlier in the order of pairs."""
+    """Return the indices of edges that repeat a pair of neurons. The first edge of each pair is not included."""
     pairs = pre.astype(np.int64) << 32 | post
     order = np.argsort(pairs)
     pairs = pairs[order]
@@ -310,7 +310,7 @@ def shuffled(net: Network, what: str, *, seed: int = 0) -> Network:
         seed: seed of the shuffle. Another seed gives another control.
 
     Returns:
-        A network that differs in `shuffle` and `shuffle_seed` of its rules `from_file`, and can be saved.
+        A copy with `shuffle` and `shuffle_seed` set in its rules `from_file`. The copy can be saved.
 
     Raises:
         ModelError: the network has no edges from a file.

@@ -60,6 +60,8 @@ def _damaged(path: Path, error: Exception) -> ModelError:
 
 
 class _Columns:
+    """An NPZ file with an array per column."""
+
     places, first = None, 1
 
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:
@@ -97,7 +99,7 @@ def _part(column: Column, begin: int) -> Column:
 
 
 class _Dense:
-    """A dense matrix. Row k and column k belong to the k-th neurons of source and target."""
+    """A dense matrix. Row k belongs to source neuron k, and column k to target neuron k."""
 
     first, names = 1, MATRIX
 
@@ -117,7 +119,7 @@ class _Dense:
 
 
 class _Sparse:
-    """A sparse matrix. Row k and column k belong to the k-th neurons of source and target."""
+    """A sparse matrix. Row k belongs to source neuron k, and column k to target neuron k."""
 
     first, names = 1, MATRIX
 
@@ -132,7 +134,7 @@ class _Sparse:
 
 
 _BLOCK = 1 << 24
-"""Number of bytes of a CSV that are read at once."""
+"""Number of bytes that are read from a CSV file at once."""
 
 _BAD_CELL = re.compile(r"column #(?P<column>\d+): Row #(?P<row>\d+): .* invalid value '(?P<value>.*)'", re.DOTALL)
 _EXPECTED = {
@@ -148,7 +150,7 @@ def _arrow(path: Path, module: str) -> Any:
 
 
 class CsvTable:
-    """A CSV file with a header. The header is row 1, so the numbers of rows are those of lines."""
+    """A CSV file with a header. The header is row 1, so the number of a row is the number of its line."""
 
     places, first = None, 2
 
@@ -182,7 +184,7 @@ class CsvTable:
             first += batch.num_rows
 
     def _locate_error(self, error: Exception, kinds: Mapping[str, str]) -> ModelError:
-        """Return Arrow's error with row and column, which Arrow reports only when reading with one thread."""
+        """Return Arrow's error with row and column. Arrow reports both only when it reads with one thread."""
         try:
             for _ in self._pieces(kinds, False):
                 pass
@@ -223,8 +225,8 @@ def _arrow_column(table: Table, first: int, name: str, values: Any, kind: str) -
         codes = encoded.indices.fill_null(len(words)).to_numpy(zero_copy_only=False).astype(np.int64)
         return Texts(codes, (*words, ""))
     if values.null_count:
-        empty = int(np.flatnonzero(values.is_null().to_numpy(zero_copy_only=False))[0])
-        raise cell(table, first + empty, name, "", _EXPECTED.get(kind, "a value"))
+        empty_row = int(np.flatnonzero(values.is_null().to_numpy(zero_copy_only=False))[0])
+        raise cell(table, first + empty_row, name, "", _EXPECTED.get(kind, "a value"))
     if not (kinds.is_integer(value_type) or kinds.is_floating(value_type) or kinds.is_boolean(value_type)):
         expected = "text" if kind == TEXT else "numbers or text" if kind == ANY else _EXPECTED[kind]
         raise ModelError(f"{table.path}: column '{name}' holds {value_type}: expected {expected}", path=(name,))
@@ -268,7 +270,7 @@ class ParquetTable:
 class CsvMatrix:
     """A CSV file with the ids of the targets in the first line.
 
-    Each other line has the id of a source and its weights.
+    Each later line has the id of a source and its weights onto these targets.
     """
 
     places, first, names = None, 2, MATRIX
@@ -295,8 +297,8 @@ class CsvMatrix:
                 except ValueError:
                     weights = np.full(len(self._posts), np.nan)
                 if not np.isfinite(weights).all():
-                    bad = next(k for k, text in enumerate(line[1:]) if not _is_finite(text))
-                    raise cell(self, row, self._posts[bad], line[1 + bad], "a finite number")
+                    bad_column = next(k for k, text in enumerate(line[1:]) if not _is_finite(text))
+                    raise cell(self, row, self._posts[bad_column], line[1 + bad_column], "a finite number")
                 nonzero = np.flatnonzero(weights)
                 ids_by_column = {"pre": [line[0]] * nonzero.size, "post": [self._posts[k] for k in nonzero.tolist()]}
                 columns = {
@@ -317,8 +319,8 @@ class CsvMatrix:
         try:
             return np.array([int(text) for text in ids], dtype=kind)
         except (ValueError, OverflowError):
-            wrong = next(text for text in ids if not re.fullmatch(r"[-+]?\d{1,20}", text.strip()))
-            raise cell(self, row, name, wrong, _EXPECTED[kind]) from None
+            bad_id = next(text for text in ids if not re.fullmatch(r"[-+]?\d{1,20}", text.strip()))
+            raise cell(self, row, name, bad_id, _EXPECTED[kind]) from None
 
 
 def _is_finite(text: str) -> bool:
@@ -329,7 +331,7 @@ def _is_finite(text: str) -> bool:
 
 
 def open_table(path: Path, key: str | None = None, matrix: bool = False, types: Path | None = None) -> Table:
-    """Open the table in a file. The signature decides the format, and files without a signature are read as CSV.
+    """Open the table in a file. The first bytes decide the format. A file without a known signature is read as CSV.
 
     Args:
         path: CSV, Parquet, SONATA (HDF5), NPZ or NPY.

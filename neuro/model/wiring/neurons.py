@@ -19,7 +19,8 @@ from neuro.model.wiring.formats import open_table
 from neuro.model.wiring.tables import ANY, INT64, TEXT, UINT64, Column, Table, Texts, cell, rows
 
 OUTSIDE_POPULATION, NOT_IN_TABLE = -1, -2
-"""Values instead of the index of a neuron, for an id of the table outside the population, and for an unknown id."""
+"""Values in place of the index of a neuron: for a neuron of the table that is not in the population, and for an id that
+is not in the table."""
 
 _WHOLE_NUMBER = re.compile(r"[-+]?\d+")
 
@@ -60,7 +61,7 @@ class Ids:
     """Map from ids to neurons.
 
     Args:
-        ids: the id of each neuron, in order. None: ids are counted from 0.
+        ids: the id of each neuron, in order. None stands for ids that are counted from 0.
         n: number of neurons.
         what: name of the table or population, for messages.
     """
@@ -76,7 +77,7 @@ class Ids:
             self._sorted = ids[self._order]
 
     def find(self, ids: Column) -> NDArray[np.int64]:
-        """Return the neuron of each id, `NOT_IN_TABLE` for unknown ids."""
+        """Return the index of the neuron with each id, or `NOT_IN_TABLE` for an unknown id."""
         if isinstance(ids, Texts):
             return ids.each(np.array([self._words.get(word, NOT_IN_TABLE) for word in ids.words], dtype=np.int64))
         if self._are_consecutive:
@@ -88,7 +89,7 @@ class Ids:
 
 
 def _find_consecutive(ids: Any, n: int) -> NDArray[np.int64]:
-    """Return the neuron of each id for ids that are counted from 0."""
+    """Return the index of the neuron with each id, for ids that are counted from 0."""
     return np.where((ids >= 0) & (ids < n), ids, NOT_IN_TABLE).astype(np.int64)
 
 
@@ -97,7 +98,7 @@ class Neurons:
 
     Attributes:
         ids: map from ids to rows.
-        population_rows: the rows that are neurons of the population, in order.
+        population_rows: row in the table of each neuron of the population, shape (neurons,).
     """
 
     def __init__(self, definition: neuron_table) -> None:
@@ -124,11 +125,11 @@ class Neurons:
         return int(self.population_rows.size)
 
     def find(self, ids: Column, places: bool) -> NDArray[np.int64]:
-        """Return the neuron of the population with each id, or `OUTSIDE_POPULATION` or `NOT_IN_TABLE`.
+        """Return the index in the population of the neuron with each id, or `OUTSIDE_POPULATION` or `NOT_IN_TABLE`.
 
         Args:
             ids: ids from the rows of a file.
-            places: whether `ids` are indices of neurons of the population.
+            places: whether `ids` are indices in the population already.
         """
         if places:
             return _find_consecutive(ids, self.size)
@@ -136,7 +137,7 @@ class Neurons:
         return np.where(table_rows >= 0, self._places[table_rows], NOT_IN_TABLE)
 
     def column(self, name: str) -> Column:
-        """Return a column of all rows."""
+        """Return a column of the table, with all rows."""
         if name not in self._table.names:
             raise unknown("column", name, self._table.names).at(None, str(self._definition.file))
         if name not in self._columns:
@@ -144,7 +145,7 @@ class Neurons:
         return self._columns[name]
 
     def where(self, only: Mapping[str, Any]) -> NDArray[np.int64]:
-        """Return the neurons of the population whose columns have these values.
+        """Return the indices of the neurons of the population with these values in the columns.
 
         Raises:
             ModelError: the column, the value or a matching neuron does not exist.
@@ -199,9 +200,9 @@ class Neurons:
                 numbers = [int(word) if word else 0 for word in column.words]
                 low, high = min(numbers), max(numbers)
                 if low < -(2**63) or high >= 2**64 or (low < 0 and high >= 2**63):
-                    bad = low if low < -(2**63) else high
-                    row = int(np.flatnonzero(column.each(np.array([number == bad for number in numbers])))[0])
-                    raise cell(self._table, self._table.first + row, name, bad, "a whole number of 64 bits")
+                    bad_number = low if low < -(2**63) else high
+                    row = int(np.flatnonzero(column.each(np.array([number == bad_number for number in numbers])))[0])
+                    raise cell(self._table, self._table.first + row, name, bad_number, "a whole number of 64 bits")
                 column = column.each(np.array(numbers, dtype=INT64 if high < 2**63 else UINT64))
         elif column.dtype.kind not in "iu":
             message = f"{self._definition.file}: column '{name}' holds {column.dtype}: expected whole numbers or text"
@@ -222,7 +223,7 @@ class Neurons:
 
 
 def _concatenate(pieces: list[Column]) -> Column:
-    """Return one column of several pieces. Equal words get the same code."""
+    """Join the pieces of a column. Equal words get the same code."""
     texts = [piece for piece in pieces if isinstance(piece, Texts)]
     if not texts:
         return np.concatenate([np.asarray(piece) for piece in pieces] or [np.zeros(0)])
@@ -234,7 +235,7 @@ def _concatenate(pieces: list[Column]) -> Column:
 
 
 def _equal(column: Column, value: Any) -> NDArray[np.bool_]:
-    """Return which rows have a value. In a CSV, numbers are compared as text."""
+    """Return a boolean per row, true where the column has the value. Columns of text compare a number as text."""
     if isinstance(column, Texts):
         return column.each(np.array([word == str(value) for word in column.words]))
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)

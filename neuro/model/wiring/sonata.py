@@ -1,6 +1,7 @@
-"""SONATA edges and nodes in HDF5: ids and types, attributes of the groups "0", "1", ..., and attributes of types.
+"""SONATA edges and nodes in HDF5. Each row has an id, a type and a group.
 
-The attribute of a row is read from the group of the row, or from the type of the row if the group lacks the attribute.
+The attributes of rows are stored in the groups "0", "1", ... of the file, and attributes of types in a CSV file. An
+attribute is read from the group of the row, or from the type of the row if the group lacks the attribute.
 Source: the SONATA Developer Guide, AllenInstitute/sonata.
 """
 
@@ -82,14 +83,16 @@ class Types:
         return np.array(list(row_of_id), dtype=np.int64)
 
     def _column(self, cells: tuple[str, ...]) -> tuple[Column, NDArray[np.bool_]]:
-        """Return the values of an attribute by type, as numbers if all are numbers, and which types have a value."""
-        has = np.array([cell not in (NULL, "") for cell in cells], dtype=bool)
+        """Return the attribute of each type, as numbers if possible, and a boolean per type, true if it has a value."""
+        has_value = np.array([cell not in (NULL, "") for cell in cells], dtype=bool)
         try:
-            numbers = np.array([float(cell) if exists else math.nan for cell, exists in zip(cells, has, strict=True)])
+            numbers = np.array(
+                [float(cell) if exists else math.nan for cell, exists in zip(cells, has_value, strict=True)]
+            )
         except ValueError:
             words = tuple(dict.fromkeys(cells))
-            return Texts(np.array([words.index(cell) for cell in cells], dtype=np.int64), words), has
-        return numbers, has
+            return Texts(np.array([words.index(cell) for cell in cells], dtype=np.int64), words), has_value
+        return numbers, has_value
 
     def places(self, ids: NDArray[Any]) -> NDArray[np.int64]:
         """Return the index of each type id in the table, or -1."""
@@ -99,11 +102,11 @@ class Types:
         return np.where(self._ids_sorted[at] == ids, self._order[at], -1)
 
     def values(self, name: str, places: NDArray[np.int64]) -> tuple[Column, NDArray[np.bool_]]:
-        """Return an attribute of the types at some indices, and which of them have the attribute."""
-        column, has = self._columns[name]
+        """Return an attribute of the types at some indices, and a boolean per index, true if the type has it."""
+        column, has_value = self._columns[name]
         if isinstance(column, Texts):
-            return Texts(column.codes[places], column.words), has[places]
-        return column[places], has[places]
+            return Texts(column.codes[places], column.words), has_value[places]
+        return column[places], has_value[places]
 
 
 _FAILURES = (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError, AttributeError)
@@ -114,6 +117,7 @@ _IDS = {"edges": ("source_node_id", "target_node_id", "edge_type_id"), "nodes": 
 
 
 Places = slice | NDArray[np.int64]
+"""Indices of rows. Consecutive indices are a slice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,9 +126,9 @@ class _Rows:
 
     Attributes:
         begin, end: range of the rows.
-        members: for each group with some of the rows, their indices counted from `begin` and their indices in the
-            group.
-        type: type of each row, or None if types are not needed.
+        members: for each group with some of the rows: the name of the group, the indices of these rows counted from
+            `begin`, and the indices of the same rows in the group.
+        type: type id of each row, or None if types are not needed.
     """
 
     begin: int
@@ -142,7 +146,7 @@ class SonataTable:
 
     Args:
         path: path of the file.
-        key: name of the population. None: the only one in the file.
+        key: name of the population. None stands for the only population in the file.
         types: CSV file with the attributes of types, or None.
     """
 
@@ -291,7 +295,7 @@ class SonataTable:
     def _members(
         self, begin: int, end: int, group: NDArray[Any] | None, place: NDArray[Any] | None
     ) -> Iterator[tuple[str, Places, Places]]:
-        """Yield the rows of each group: group, row indices and indices in the group."""
+        """Yield for each group its name, the indices of its rows from `begin` on, and their indices in the group."""
         if group is not None and self._groups:
             is_known = np.logical_or.reduce([group == int(name) for name in self._groups])
             if not is_known.all():
@@ -327,6 +331,7 @@ class SonataTable:
         return Texts(column.codes[place - low], column.words) if isinstance(column, Texts) else column[place - low]
 
     def _read(self, file: Any, group: str, name: str, data: Any, place: slice) -> Column:
+        """Read values of a group. Numbers are codes if the group has words for the attribute in @library."""
         words = f"{self._place}/{group}/@library/{name}"
         if data.dtype.kind in "OS":
             unique_words, codes = np.unique(data.asstr()[place].astype(str), return_inverse=True)
@@ -349,9 +354,9 @@ class SonataTable:
             row = int(at[unknown_types[0]])
             expected = f"a type of {self._types.path}"
             raise cell(self, rows.begin + row + 1, f"{self._word}_type_id", int(rows.type[row]), expected)
-        column, has = self._types.values(name, places)
-        if not has.all():
-            row = int(at[np.flatnonzero(~has)[0]])
+        column, has_value = self._types.values(name, places)
+        if not has_value.all():
+            row = int(at[np.flatnonzero(~has_value)[0]])
             message = f"{self.path}: row {rows.begin + row + 1}: type {int(rows.type[row])} of {self._types.path}"
             raise ModelError(f"{message} has no '{name}'", path=(name,))
         return column
@@ -360,7 +365,7 @@ class SonataTable:
 def _as_slice(index: NDArray[Any]) -> Places:
     """Return indices as a slice if they are consecutive."""
     if index.dtype == np.uint64 and index.max(initial=0) >= 2**63:
-        index = np.minimum(index, 2**63 - 1)  # beyond any group
+        index = np.minimum(index, 2**63 - 1)  # larger than every group
     first = int(index[0])
     if np.array_equal(index, np.arange(first, first + index.size)):
         return slice(first, first + index.size)
@@ -368,7 +373,7 @@ def _as_slice(index: NDArray[Any]) -> Places:
 
 
 def _join_parts(parts: list[tuple[Places, Column]], size: int, what: str) -> Column:
-    """Return one column of several parts, given with row indices."""
+    """Join parts of a column. Each part comes with the indices of its rows."""
     if len(parts) == 1 and len(parts[0][1]) == size:
         return parts[0][1]
     texts = [(row_indices, part) for row_indices, part in parts if isinstance(part, Texts)]

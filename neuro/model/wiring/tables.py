@@ -1,4 +1,4 @@
-"""Tables as columns, read in pieces, with errors that name file, row and column, and conditions on columns."""
+"""Tables that are read column by column in pieces, and conditions on columns. Errors name file, row and column."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ NUMBER, INT64, UINT64, TEXT, ANY = "number", "int64", "uint64", "text", "any"
 """Requested types of a column. `ANY` is the type in the file, or text for CSV."""
 
 MATRIX: tuple[str, ...] = ("pre", "post", "weight")
-"""Columns of a matrix as a table, with a row per entry other than 0."""
+"""Names of the columns of a table that is stored as a matrix. The table has a row per entry other than 0."""
 
 _EXPECTED = {NUMBER: "finite numbers", INT64: "whole numbers of 64 bits", UINT64: "whole numbers from 0 to 2^64 - 1"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Texts:
-    """A column of text, as an index into the words for each row. An empty cell has the word ""."""
+    """A column of text. Each row has a code, which is an index into the words. An empty cell has the word ""."""
 
     codes: NDArray[np.int64]
     words: tuple[str, ...]
@@ -49,7 +49,7 @@ class Texts:
         return len(self.codes)
 
     def each(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the value of each row for given values of the words."""
+        """Return one value per row. `values` has a value per word: with the codes [0, 0, 1], [5, 7] gives [5, 5, 7]."""
         return values[self.codes]
 
 
@@ -71,7 +71,7 @@ class Piece:
     is_one_row: bool = False
 
     def row(self, at: int) -> int:
-        """Return the number of a row in messages."""
+        """Return the number in messages of the row at index `at`."""
         return self.first + (0 if self.is_one_row else at)
 
 
@@ -90,14 +90,14 @@ class Table(Protocol):
 
     @property
     def places(self) -> tuple[int, ...] | None:
-        """Shape of a matrix whose `pre` and `post` are indices of neurons. None: they are ids."""
+        """Shape of a matrix if the columns `pre` and `post` are indices of neurons; None if they are ids."""
 
     def pieces(self, kinds: Mapping[str, str]) -> Iterator[Piece]:
         """Yield all rows of some columns in order. `kinds` has the requested type of each column."""
 
 
 def rows(table: Table, kinds: Mapping[str, str]) -> Iterator[Piece]:
-    """Yield the pieces of a table, checked.
+    """Yield the pieces of a table after a check of all cells.
 
     Raises:
         ModelError: a column does not exist, or a cell has another type. The message names the first such cell.
@@ -130,20 +130,20 @@ def _check_column(table: Table, piece: Piece, name: str, kind: str) -> Column:
         )
     if kind == NUMBER:
         values = column.astype(np.float64, copy=False)
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            raise cell(table, piece.row(int(bad[0])), name, float(values[bad[0]]), "a finite number")
+        bad_rows = np.flatnonzero(~np.isfinite(values))
+        if bad_rows.size:
+            raise cell(table, piece.row(int(bad_rows[0])), name, float(values[bad_rows[0]]), "a finite number")
         return values
     if column.dtype.kind not in "iu":
         raise ModelError(
             f"{table.path}: column '{name}' holds {column.dtype}: expected {_EXPECTED[kind]}", path=(name,)
         )
     # A number beyond the range of the requested type is reported instead of wrapping around.
-    beyond = column < 0 if kind == UINT64 and column.dtype.kind == "i" else None
+    is_beyond = column < 0 if kind == UINT64 and column.dtype.kind == "i" else None
     if kind == INT64 and column.dtype == np.uint64:
-        beyond = column > np.uint64(2**63 - 1)
-    if beyond is not None and beyond.any():
-        at = int(np.flatnonzero(beyond)[0])
+        is_beyond = column > np.uint64(2**63 - 1)
+    if is_beyond is not None and is_beyond.any():
+        at = int(np.flatnonzero(is_beyond)[0])
         raise cell(table, piece.row(at), name, int(column[at]), "the id of a neuron")
     return column.astype(kind, copy=False)
 
@@ -195,7 +195,7 @@ class Condition:
                 raise self._expression.mistake(tree.at, f"found the unit '{unit}': expected a number without one")
 
     def holds(self, columns: Mapping[str, Any]) -> NDArray[np.bool_]:
-        """Return for which rows the condition holds. Undefined values such as 0 / 0 do not satisfy a condition."""
+        """Return a boolean per row, true where the condition holds. It does not hold for 0 / 0 and other undefined values."""
         tree = self._expression.tree
         assert isinstance(tree, Binary)
         with np.errstate(all="ignore"):
