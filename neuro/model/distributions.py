@@ -51,9 +51,9 @@ class Distribution(Choice):
         values = check_returned(self.sample(rng, n), (n,), f"{self!r} drew")
         if not np.isfinite(values).all():
             raise ModelError(f"{self!r} drew {values[~np.isfinite(values)][0]}: expected finite numbers")
-        copied: NDArray[np.float64] = np.add(values, 0.0, dtype=np.float64)  # adding 0 turns -0.0 into 0.0
-        self._round(copied)
-        return copied
+        new_values: NDArray[np.float64] = np.add(values, 0.0, dtype=np.float64)  # adding 0 turns -0.0 into 0.0
+        self._round(new_values)
+        return new_values
 
     def _round(self, values: NDArray[np.float64]) -> None:
         """Round values in place to 32-bit floats if `single` is set."""
@@ -64,7 +64,7 @@ class Distribution(Choice):
             np.add(rounded, 0.0, out=values)
 
     def pieces(self, rng: np.random.Generator, n: int) -> Iterator[NDArray[np.float64]]:
-        """Yield the n values of `checked_sample` in pieces. A piece is overwritten when the next one is requested.
+        """Yield the n values of `checked_sample` in pieces. A piece is overwritten when the next piece is requested.
 
         Raises:
             ModelError: `sample` returned another number of values, or values that are not finite.
@@ -73,10 +73,13 @@ class Distribution(Choice):
 
 
 def _within(bound: float, inner_direction: float) -> np.float32:
-    """Return the 32-bit float nearest to a bound, on the inner side of the bound."""
+    """Return the 32-bit float nearest to a bound that is within the bound.
+
+    `inner_direction` is infinity for a lower bound and -infinity for an upper bound.
+    """
     nearest = np.float32(bound)
-    outside = nearest > bound if inner_direction < 0.0 else nearest < bound
-    return np.nextafter(nearest, np.float32(inner_direction)) if outside else nearest
+    is_outside = nearest > bound if inner_direction < 0.0 else nearest < bound
+    return np.nextafter(nearest, np.float32(inner_direction)) if is_outside else nearest
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -146,18 +149,18 @@ class normal(_Clipped):
         return rng.normal(self.mean, self.std, n)
 
     def pieces(self, rng: np.random.Generator, n: int) -> Iterator[NDArray[np.float64]]:
-        """Yield the n values of `checked_sample` in pieces. A piece is overwritten when the next one is requested.
+        """Yield the n values of `checked_sample` in pieces. A piece is overwritten when the next piece is requested.
 
         Raises:
             ModelError: fewer than one value in a thousand is within the bounds.
         """
-        large = not math.isfinite(abs(self.mean) + _MAX_DEVIATIONS * self.std)
-        if n < _MANY or large or type(self) is not normal:
+        may_overflow = not math.isfinite(abs(self.mean) + _MAX_DEVIATIONS * self.std)
+        if n < _MANY or may_overflow or type(self) is not normal:
             yield from super().pieces(rng, n)
             return
         try:
             from neuro.kernels.normals import Normals
-        except ImportError:  # other versions of numba have NumPy's tables in another module
+        except ImportError:  # some versions of numba have NumPy's tables in another module
             yield from super().pieces(rng, n)
             return
         normals, buffer = Normals(rng), np.empty(_BLOCK)

@@ -13,16 +13,16 @@ D = TypeVar("D", bound=Description)
 
 
 def frozen(net: D) -> D:
-    """Return the network with its weights, without learning rules and signals.
+    """Return a copy of the network with the same weights, without learning rules and signals.
 
-    Probes of learning synapses are removed. Short-term plasticity (tsodyks2) stays.
+    Probes of learning synapses are removed. Synapses with short-term plasticity (tsodyks2) are not changed.
     """
-    learning = {
+    learning_names = {
         name for name, part in net.projections.items() if part.synapse.learns and not isinstance(part.synapse, tsodyks2)
     }
     copied = copy.copy(net)
-    copied.projections = {n: _static(part, net) if n in learning else part for n, part in net.projections.items()}
-    copied.probes = {name: part for name, part in net.probes.items() if part.of not in learning}
+    copied.projections = {n: _static(part, net) if n in learning_names else part for n, part in net.projections.items()}
+    copied.probes = {name: part for name, part in net.probes.items() if part.of not in learning_names}
     copied.signals = {}
     if net.world_section is not None:
         copied.world_section = replace(net.world_section, reward=None)

@@ -14,7 +14,7 @@ class Competition(Choice):
     """Base of the rules of competition between the neurons of a population.
 
     Class attributes:
-        noun: name of the feature in errors of chips and simulators without it.
+        noun: name of the rule in errors of chips and simulators that cannot run it.
         decides: whether the winner decides a trial.
         several: whether several neurons may win in one trial.
     """
@@ -30,7 +30,7 @@ class Competition(Choice):
         return ""
 
     def summary(self) -> str:
-        """Return in a few words which neurons fire."""
+        """Return a few words about the neurons that fire, for tables."""
         raise NotImplementedError
 
 
@@ -38,16 +38,16 @@ class Competition(Choice):
 class winner_take_all(Competition):
     """One neuron of a population wins.
 
-    With `first_to_fire`, the first spike silences all other neurons until the next trial or reset. Without it, the
-    neuron with the largest V_m - V_th fires in each step, and the others that reached the threshold are reset. Ties are
-    broken at random.
+    With `first_to_fire`, the first spike silences all other neurons until the next trial or reset. Without it,
+    several neurons may reach the threshold in a step. The neuron with the largest V_m - V_th then fires, and the others
+    are reset. Ties are broken at random.
     """
 
     noun: ClassVar[str] = "winner-take-all"
     first_to_fire: bool = quantity(True, "", "decide once instead of at each step", kind="boolean")
 
     def summary(self) -> str:
-        """Return in a few words which neurons fire."""
+        """Return a few words about the neurons that fire, for tables."""
         return "the first to fire" if self.first_to_fire else "the best of each step"
 
 
@@ -55,10 +55,10 @@ class winner_take_all(Competition):
 class local_winners(Competition):
     """Several neurons of a population of shape (maps, rows, columns) win, each within its neighbourhood.
 
-    A neuron that fires wins. Until the next trial or reset, the winner silences all neurons, itself included, in all
-    maps whose row and column are both at most `radius` away. After `per_map` wins, the whole map of the winner is
-    silent. If several neurons reach the threshold in one step, the largest V_m - V_th wins first, and ties are broken
-    at random. Silenced neurons still integrate their input.
+    A neuron that fires wins. Until the next trial or reset, the winner silences itself and the neurons of all maps
+    whose row and whose column differ by at most `radius` from its own. After `per_map` wins, the whole map of the
+    winner is silent. If several neurons reach the threshold in one step, the largest V_m - V_th wins first, and ties
+    are broken at random. Silenced neurons still integrate their input.
 
     Source: Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007, with `per_map` 1. Without `per_map`, several objects
     are detected, each by a neuron whose receptive field contains the object (Mosca, MSc thesis, 2020, section 6.2.7).
@@ -85,8 +85,9 @@ class lateral_reset(Competition):
     """A spike resets all neurons along an axis, so that the first neuron to fire delays the others.
 
     Neurons whose coordinates differ only along `axis` are rivals. If several rivals reach the threshold in a step, the
-    one with the largest V_m - V_th fires, and ties are broken at random. All its rivals, whatever their potential, are
-    reset as after a spike: V_m is set to V_reset and the neuron is refractory for t_ref, but rivals emit no spike.
+    rival with the largest V_m - V_th fires, and ties are broken at random. All its rivals are reset as after a spike,
+    whether or not they reached the threshold: V_m is set to V_reset and the neuron is refractory for t_ref, but rivals
+    emit no spike.
     Source: temporal winner-take-all of HFirst, Orchard et al., IEEE TPAMI 37:2028, 2015
     """
 

@@ -49,7 +49,7 @@ class Network(Description):
         resolution: length of a step in ms.
 
     Attributes:
-        place: the origin (file and line) of the next part. None: the line of the caller.
+        place: the origin (file and line) of the next part. If it is None, the origin is the line of the caller.
         inputs: files of the network; empty for a network built in Python.
         latest: the part that was added last.
         verdicts: result of the conversion of each node, for a network imported from another tool; else None.
@@ -97,8 +97,8 @@ class Network(Description):
             shape: number of neurons, or sizes of the axes; `"auto"` if a grid decides.
             model: e.g. `neuro.iaf_psc_exp(tau_m=10.0)`.
             initial: states at time 0, by name: a number, an array or a distribution.
-            positions: coordinates, shape (n, 1 to 3). Without them, positions follow from the shape, centred at 0.
-            extent: length of each axis, in the unit of positions. Without it, neighbours are one unit apart.
+            positions: coordinates, shape (n, 1 to 3). By default positions follow from the shape and are centred at 0.
+            extent: length of each axis, in the unit of positions. By default neighbours are one unit apart.
             periodic: whether opposite edges touch (periodic boundary conditions).
             neurons: table of the neurons. With the shape `"auto"` there is one neuron per row.
 
@@ -123,8 +123,8 @@ class Network(Description):
                     raise unknown(f"state of {model.name}", state, states, path=path)
                 initial_values[state] = check(states[state], value, f"{label}: initial.{state}", path)
         words = {"positions": positions, "extent": extent, "periodic": periodic}
-        checked = {word: self._checked(Population, word, value, label) for word, value in words.items()}
-        part = Population(name, sizes, model, initial_values, self._where(), **checked, neurons=neurons)
+        checked_words = {word: self._checked(Population, word, value, label) for word, value in words.items()}
+        part = Population(name, sizes, model, initial_values, self._where(), **checked_words, neurons=neurons)
         return self._add(self.populations, part)
 
     @naming_words
@@ -204,8 +204,8 @@ class Network(Description):
             weight: factor on the weights in the file, see `neuro.from_file`.
             delay: factor on the delays in the file, in ms.
             initial: states at time 0.
-            drive: weight of the spikes that `sim.activate` sends. Adds the population `name_drive`, which has one
-                `poisson_generator` of rate 0 per neuron.
+            drive: weight of the spikes that `sim.activate` sends. With it, the population `name_drive` is added, which
+                has one `poisson_generator` of rate 0 per neuron.
 
         Returns:
             The population. Its method `where` chooses neurons by columns of the table.
@@ -228,7 +228,8 @@ class Network(Description):
             name: a new name.
             to: the population that receives the signal.
             values: a number, an array with a number per neuron, or a source such as
-                `neuro.computed("count(left)", every=50.0)`. Without it, a program sets the signal by `sim.signal`.
+                `neuro.computed("count(left)", every=50.0)`. Without `values`, a program sets the signal by
+                `sim.signal`.
         """
         label = f"signal '{check_name(name, 'signal', self._where())}'"
         target = self._name_of(to, label, "to")
@@ -265,8 +266,8 @@ class Network(Description):
             every: sampling interval in ms, or the length of the bins of a rate. The default is each step.
             at: "pre_spikes" records the synapses of a neuron that fires, with the values that its spike carries.
             mean: whether to record the mean over neurons or synapses instead of each value.
-            synapses: for a projection, indices of the recorded synapses, in the order of its weights. The default is
-                all.
+            synapses: for a projection, indices of the recorded synapses, in the order of its weights. By default all
+                synapses are recorded.
             pre: for a projection, record only synapses from these neurons: a population, a view of it, or ids.
             post: for a projection, record only synapses onto these neurons.
         """
@@ -275,7 +276,7 @@ class Network(Description):
         if not states or len(set(states)) < len(states):
             message = f"{label}: record = {shown(record)}: expected one or several names, each once"
             raise ModelError(message, where=self._where(), path=("record",))
-        population, view = self._recorded(of, label)
+        population, view = self._probed(of, label)
         part = Probe(
             name,
             population,
@@ -324,13 +325,13 @@ class Network(Description):
         return section
 
     def save(self, path: str | Path) -> None:
-        """Write the network as YAML, which loads as an equal network. Large arrays go to an HDF5 file beside it."""
+        """Write the network as YAML. `neuro.load` reads an equal network. Large arrays go to an HDF5 file beside it."""
         from neuro.model.language.writer import save
 
         save(self, path)
 
     def frozen(self) -> Network:
-        """Return the network without learning: with its weights, static synapses, and no signals."""
+        """Return a copy without learning: with the same weights, static synapses, and no signals."""
         from neuro.model.frozen import frozen
 
         return frozen(self)
@@ -338,9 +339,9 @@ class Network(Description):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):
             return NotImplemented
-        skip = ("trials_origin", "world_origin", "place", "inputs", "latest", "verdicts")
+        not_compared = ("trials_origin", "world_origin", "place", "inputs", "latest", "verdicts")
         own_parts, other_parts = vars(self), vars(other)
-        return all(same(own_parts[k], other_parts[k]) for k in own_parts if k not in skip)
+        return all(same(own_parts[k], other_parts[k]) for k in own_parts if k not in not_compared)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -381,7 +382,7 @@ class Network(Description):
             raise error.at(self._where(), context) from None
 
     def _checked(self, part: type[Part], word: str, value: Any, label: str, quantity: Quantity | None = None) -> Any:
-        """Check the value of a word of a part. `quantity` replaces the part's own quantity for that word."""
+        """Check the value of a word of a part. `quantity` replaces the quantity of the word in `part.words`."""
         try:  # a context manager here would cost a second for 200,000 parts
             return check(quantity or part.words[word], value, f"{label}: {word}", (word,))
         except ModelError as error:
@@ -398,7 +399,7 @@ class Network(Description):
         return neurons
 
     def _neurons(self, of: Population | View | str, label: str, role: str) -> tuple[str, View | None]:
-        """Return the name of a population, and the view if the choice is only some neurons."""
+        """Return the name of a population, and a view of it if only some of its neurons are chosen."""
         of = self._view_or_name(of, f"{label}: {role}")
         if isinstance(of, View):
             return self._name_of(of.population, label, role), of
@@ -415,8 +416,8 @@ class Network(Description):
             raise ModelError(message, where=self._where(), hint=f"pass the name '{name}'", path=(role,))
         return name
 
-    def _recorded(self, of: Population | View | Projection | str, label: str) -> tuple[str, View | None]:
-        """Return the name of a population or projection, and the view if only some neurons are chosen."""
+    def _probed(self, of: Population | View | Projection | str, label: str) -> tuple[str, View | None]:
+        """Return the name of a population or projection, and a view if only some neurons of a population are chosen."""
         if isinstance(of, Projection) and self.projections.get(of.name) is not of:
             message = f"{label}: of: projection '{of.name}' is a part of another network: expected one of '{self.name}'"
             raise ModelError(message, where=self._where(), path=("of",))

@@ -50,11 +50,11 @@ class Part:
 
     Class attributes:
         word: the name of the kind of part in messages. The plural is the name of its section in YAML.
-        words: accepted quantity of each word of the section, in the order of messages.
+        words: for each word of a part, the quantity that it accepts, in the order of messages.
         needs: the required words.
         defaults: default values of the words whose attribute has no default of its own.
-        ends: two attributes for each word that names neurons: one has the name of the population or projection, the
-            other the view, if only some neurons are chosen.
+        ends: for each word that names neurons, two attributes of the part. The first has the name of the population or
+            projection, the second has the view if only some neurons are chosen.
     """
 
     word: ClassVar[str] = "part"
@@ -71,7 +71,7 @@ class Part:
         return getattr(self, name_attribute) if view is None else view
 
     def __init_subclass__(cls) -> None:
-        cls.__repr__ = Part.__repr__  # type: ignore[method-assign]  # or @dataclass would make its own
+        cls.__repr__ = Part.__repr__  # type: ignore[method-assign]  # else @dataclass would replace it
 
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
@@ -108,7 +108,7 @@ def refuse(
 
 @contextmanager
 def naming_the_part(part: AnyPart, *path: str) -> Iterator[None]:
-    """Add the part's name, origin and the prefix `path` of their path to errors raised in the block."""
+    """Add the name and the origin of the part to errors raised in the block, and put `path` before their path."""
     try:
         yield
     except ModelError as error:
@@ -127,8 +127,8 @@ class Population(Part):
         shape: sizes of the axes. `"auto"` is an axis that a grid projection or a recording decides.
         model: the neuron model.
         initial: states at time 0 that differ from the model's defaults, by name.
-        positions: coordinates, one row per neuron. None: positions follow from the shape.
-        extent: length of each axis. None: neighbours are one unit apart, or the edges are open.
+        positions: coordinates, one row per neuron, or None if positions follow from the shape.
+        extent: length of each axis, or None. If it is None, neighbours are one unit apart, or the edges are open.
         periodic: whether the space is periodic, so that opposite edges touch.
         neurons: the table that lists the neurons, or None.
     """
@@ -223,7 +223,7 @@ def _refuse_change(part: Population, word: str, value: Any) -> None:
     raise FrozenInstanceError(_no_attribute(part, word, "sim.set({name}, {word}=...) sets it"))
 
 
-Population.__setattr__ = _refuse_change  # type: ignore[method-assign, assignment]  # or @dataclass would make its own
+Population.__setattr__ = _refuse_change  # type: ignore[method-assign, assignment]  # else @dataclass would replace it
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,8 +232,8 @@ class Projection(Part):
 
     Attributes:
         source, target: names of the two populations.
-        source_view, target_view: the neurons that the rule connects at each end. None: all.
-        between: the two populations, used for printing only. None: unknown.
+        source_view, target_view: the neurons that the rule connects at each end, or None for all.
+        between: the two populations if they are known, used for printing only.
     """
 
     word: ClassVar[str] = "projection"
@@ -272,7 +272,7 @@ class Signal(Part):
     """A value per neuron of a population, such as the dopamine concentration at the synapses onto the neuron.
 
     Attributes:
-        values: the source of the values while the network runs. None: a program sets them from outside.
+        values: the source of the values while the network runs. If it is None, a program sets the signal.
     """
 
     word: ClassVar[str] = "signal"
@@ -294,7 +294,7 @@ class Signal(Part):
 
 @dataclass(frozen=True, eq=False)
 class Group(Part):
-    """Neurons that act together."""
+    """A named rule of competition, `choice`, between the neurons of a population."""
 
     word: ClassVar[str] = "group"
     choice: Competition
@@ -303,16 +303,17 @@ class Group(Part):
 
 @dataclass(frozen=True, eq=False)
 class Probe(Part):
-    """A recording of spikes, or of states at intervals of `every` ms (None: each step).
+    """A recording of spikes, or of states at intervals of `every` ms (each step if `every` is None).
 
     Attributes:
         of: the name of the population or projection.
         record: "spikes", "rate", a state, or several states.
         at: "pre_spikes" records the state of synapses just after each presynaptic spike.
         mean: whether the mean over neurons or synapses is recorded instead of each value.
-        synapses: indices of the recorded synapses of a projection, in the order of its weights. None: all.
-        view: the recorded neurons of a population. None: all.
-        pre, post: for a projection, only synapses from and onto these neurons are recorded. None: all.
+        synapses: indices of the recorded synapses of a projection, in the order of its weights, or None for all.
+        view: the recorded neurons of a population, or None for all.
+        pre, post: for a projection, only synapses from and onto these neurons are recorded. None stands for all
+            neurons.
     """
 
     word: ClassVar[str] = "probe"

@@ -19,7 +19,7 @@ HERE, BACKEND = "neuro", "backend"
 """Values of `draw`: the synapses of a rule are drawn by neuro or by the backend."""
 
 SAME = "same"
-"""Padding with which rows and columns of the target are those of the source divided by the stride."""
+"""Padding with which a target has as many rows and columns as its source, divided by the stride."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,7 +53,7 @@ class Rule(Choice):
         Args:
             source: number of source neurons.
             target: number of target neurons.
-            same: whether source and target are one population.
+            same: whether source and target are the same population.
         """
         return None
 
@@ -184,11 +184,12 @@ class pairs(Rule):
 class from_file(Rule):
     """Edges listed in a file: CSV with a header, Parquet, SONATA edges, NPZ with an array per column, or a matrix.
 
-    The file is read when the network is compiled. `pre` and `post` are ids of the tables of neurons of the two
-    populations, or neurons counted from 0 for a population without a table. Edges from or onto neurons of a table that
-    are not in the population or view are left out. An id that is in no table is an error. The weight of an edge is the
-    projection's weight x the column `weight` x the sign of its transmitter. Its delay is the projection's delay x the
-    column `delay`, rounded to steps, at least one. Several edges between the same pair remain separate synapses.
+    The file is read when the network is compiled. `pre` and `post` have the ids of source and target
+    neurons. Ids are those of the population's table of neurons, or are counted from 0 if the population has no table.
+    Edges of neurons that are in the table but not in the population or view are left out. Other ids are errors. The
+    weight of an edge is the projection's weight x the column `weight` x the sign of its transmitter. Its delay is the
+    projection's delay x the column `delay`, rounded to steps, at least one. Several edges between the same pair remain
+    separate synapses.
     """
 
     file: Any = quantity(None, "", "file of the edges", kind="file")
@@ -250,10 +251,11 @@ class grid(Rule):
 
     The source has the shape (channels, height, width) or (height, width), the target (maps, rows, columns). Target
     (m, r, c) receives from channel k, row r stride + i - padding, column c stride + j - padding with the weight
-    kernel[m, k, i, j]. For columns, `column_padding` replaces `padding` if set. Rows and columns of the target may be
-    `auto`. With padding `same`, rows and columns of the target are those of the source divided by the stride, rounded
-    up. The border is then split evenly, with the extra line of an odd border at the end. With `depthwise`, each map
-    receives from one channel only, with kernel[m, 0, i, j], and each channel has the same number of consecutive maps.
+    kernel[m, k, i, j]. If `column_padding` is set, it replaces `padding` for columns. Rows and columns of the target
+    may be `auto`. With padding `same`, the target has as many rows and columns as the source, divided by the stride and
+    rounded up. The border is then split evenly, with the extra line of an odd border at the end. With `depthwise`, each
+    map receives from one channel only, with kernel[m, 0, i, j], and each channel has the same number of consecutive
+    maps.
 
     `stdp` and `stdp_dopa` train the kernel. In a step, the changes at all places that share a weight are computed from
     the weight at the beginning of the step, added up (or averaged over the places that changed) and clipped once. The
@@ -317,6 +319,7 @@ RULES: Registry[type[Rule]] = Registry(
 
 Ints = NDArray[np.int64]
 Two = tuple[int, int]
+"""A number for rows and a number for columns."""
 
 
 def out_size(size: Two, kernel: Two, stride: Two, padding: Two, dilation: Two) -> Two:
@@ -359,9 +362,9 @@ def synapses_of(
     r, c = (index.ravel() for index in np.indices((rows, columns)))
     y = r[None, :] * stride[0] + (i * dilation[0] - padding[0])[:, None]
     x = c[None, :] * stride[1] + (j * dilation[1] - padding[1])[:, None]
-    inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+    is_inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
     channel = (m // (maps // groups) * depth + k)[:, None]
-    pre = ((channel * height + y) * width + x)[inside]
-    post = ((m[:, None] * rows + r[None, :]) * columns + c[None, :])[inside]
-    weight = np.broadcast_to(kernel[m, k, i, j][:, None], inside.shape)[inside]
+    pre = ((channel * height + y) * width + x)[is_inside]
+    post = ((m[:, None] * rows + r[None, :]) * columns + c[None, :])[is_inside]
+    weight = np.broadcast_to(kernel[m, k, i, j][:, None], is_inside.shape)[is_inside]
     return pre.astype(np.int64), post.astype(np.int64), weight

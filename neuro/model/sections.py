@@ -60,9 +60,9 @@ class Trials(Choice):
 
     A tick is one step of a trial. An input at time t is emitted in tick t / resolution, 0 <= t < duration. At the start
     of a trial no spike is in transit, and the states named in `reset` have their values at time 0. While learning, an
-    input spikes at most once unless `spikes` specifies which of its spikes teach. `first` uses whether an input came
-    before the decision, as in the text of Mosca, MSc thesis, 2020, section 6.2.4. `each` applies eqs 126 and 127 of the
-    thesis to every spike.
+    input spikes at most once, unless `spikes` says which of its spikes teach. `first` compares the first spike of an
+    input with the decision, as in the text of Mosca, MSc thesis, 2020, section 6.2.4. `each` applies eqs 126 and 127 of
+    the thesis to every spike.
 
     If synapses learn by dopamine, every trial starts with the states of neurons and synapses at their values at time 0,
     except the weights. When a trial that teaches ends, the reward sets the signals of the synapses, and the network
@@ -179,6 +179,6 @@ class World(Choice):
 
 
 def largest_in_world(world: World | None, signal: str) -> float | None:
-    """Return the largest absolute value of a signal for a reward or error of 1, or None if the world never sets it."""
+    """Return the largest absolute value of a signal for a reward or error of 1; None if the world does not set it."""
     rewards = {} if world is None else world.reward or {}
     return abs(rewards[signal].scale) or None if signal in rewards else None

@@ -29,7 +29,7 @@ _HINTS = Hints(
 
 @dataclass(frozen=True, eq=False)
 class schedule(Source):
-    """Values that each hold from a listed time on. Before the first time the signal is 0."""
+    """Listed values. Each value holds from its listed time until the next. Before the first time the signal is 0."""
 
     file_of: ClassVar[str] = "values"
 
@@ -49,7 +49,7 @@ class schedule(Source):
             raise ModelError(f"{message}, or as many rows", where=here(), path=("values",))
 
     def arrays_of_schedule(self) -> tuple[Any, Any]:
-        """Return times in ms and values as arrays, read from the file if there is one."""
+        """Return the times in ms, shape (times,), and the values, shape (times,) or (times, neurons)."""
         return plain(self.times), plain(self.values)
 
 
@@ -115,7 +115,7 @@ class population(Source):
 
 @dataclass(frozen=True, eq=False)
 class like(Source):
-    """The value of another signal times a factor, at the same time."""
+    """The present value of another signal times a factor."""
 
     signal: str = quantity(doc="the other signal", kind="name")
     scale: Value = quantity(1.0, "", "factor, for all neurons or per neuron", arrays=True)

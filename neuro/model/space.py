@@ -19,8 +19,8 @@ from neuro.core.values import shown
 
 Floats = NDArray[np.float64]
 TOLERANCE = 1e-9
-"""Relative tolerance of a radius. Distances on a lattice have rounding errors, and a distance that exceeds the radius
-by less than this share counts as the radius."""
+"""Relative tolerance of a radius. Distances on a lattice have rounding errors, so a distance that exceeds the radius by
+less than this share is treated as equal to the radius."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,16 +42,16 @@ class Profile(Choice):
         raise NotImplementedError
 
     def values(self, distance: Floats) -> Floats:
-        """Return the values of `at`, checked.
+        """Return the values of `at` after a check.
 
         Raises:
             ModelError: `at` returned an array of another shape, or values that are not finite.
         """
         PROFILES.check(type(self))
         values = check_returned(self.at(distance), distance.shape, f"{self!r} has")
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            value = f"{values[bad[0]]} at the distance {distance[bad[0]]:g}"
+        bad_indices = np.flatnonzero(~np.isfinite(values))
+        if bad_indices.size:
+            value = f"{values[bad_indices[0]]} at the distance {distance[bad_indices[0]]:g}"
             raise ModelError(f"{self!r} is {value}: expected finite numbers")
         return values.astype(np.float64)
 
@@ -148,7 +148,7 @@ class Mask(Choice):
         raise NotImplementedError
 
     def inside(self, displacement: Floats) -> NDArray[np.bool_]:
-        """Return which targets are inside the mask. `displacement` is from source to target, shape (axes, n)."""
+        """Return a boolean per target, true inside the mask. `displacement` from the source has the shape (axes, n)."""
         raise NotImplementedError
 
     def misfit(self, axes: int) -> str:
@@ -168,7 +168,7 @@ class circular(Mask):
         return self.radius * (1.0 + TOLERANCE)
 
     def inside(self, displacement: Floats) -> NDArray[np.bool_]:
-        """Return which targets are inside the mask. `displacement` has the shape (axes, n)."""
+        """Return a boolean per target, true inside the mask. `displacement` has the shape (axes, n)."""
         return np.asarray((displacement**2).sum(axis=0) <= self.reach**2)
 
 
@@ -193,6 +193,7 @@ class rectangular(Mask):
 
     @property
     def _slack(self) -> Floats:
+        """Tolerance of the corners on each axis, in the unit of positions."""
         return TOLERANCE * np.asarray(self.upper_right - self.lower_left, dtype=np.float64)
 
     @property
@@ -202,7 +203,7 @@ class rectangular(Mask):
         return float(np.sqrt((farthest**2).sum()))
 
     def inside(self, displacement: Floats) -> NDArray[np.bool_]:
-        """Return which targets are inside the mask. `displacement` has the shape (axes, n)."""
+        """Return a boolean per target, true inside the mask. `displacement` has the shape (axes, n)."""
         low, high = (corner[:, None] for corner in (self.lower_left - self._slack, self.upper_right + self._slack))
         return np.asarray(np.all((displacement >= low) & (displacement <= high), axis=0))
 

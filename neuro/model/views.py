@@ -1,6 +1,6 @@
 """Views of some neurons of a population, chosen by an index such as `exc[:100]`, `grid[2:4, :]` or `exc[[3, 7]]`.
 
-`view_of_text` and `view_of_index` read the same indices as text.
+`view_of_text` and `view_of_index` make the same views from text.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class View:
 
     An index is made as in NumPy: a number or a slice for each axis of the population's shape (`exc[:100]`, `exc[7]`,
     `grid[2:4, :]`; negative numbers count from the end), or a mask of that shape. A list of numbers is a list of neuron
-    ids, whatever the shape. A bound beyond the shape is an error, whereas Python would cut it. `len` counts neurons.
+    ids for any number of axes. A bound beyond the shape is an error, unlike in Python. `len` counts neurons.
     Iteration yields a view of each neuron.
 
     Attributes:
@@ -66,18 +66,18 @@ class View:
     index: tuple[Axis, ...] | Ids
 
     @cached_property
-    def _chosen(self) -> tuple[Ids, tuple[int, ...]]:
-        return self._resolved(_known_shape(self.population, repr(self)))
+    def _ids_and_shape(self) -> tuple[Ids, tuple[int, ...]]:
+        return self._ids_and_shape_within(_known_shape(self.population, repr(self)))
 
     @property
     def ids(self) -> Ids:
         """Ids of the neurons, counted from 0 in C order of the population's shape."""
-        return self._chosen[0]
+        return self._ids_and_shape[0]
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Sizes of the axes, without axes chosen by a number. The shape of one neuron is (1,)."""
-        return self._chosen[1]
+        """Sizes of the axes of the view, without axes that are indexed by a number. The shape of one neuron is (1,)."""
+        return self._ids_and_shape[1]
 
     def within(self, shape: tuple[int, ...]) -> tuple[Ids, tuple[int, ...]]:
         """Return ids and shape of the view if the population has this shape.
@@ -85,21 +85,21 @@ class View:
         Raises:
             ModelError: the view reaches beyond the shape.
         """
-        return self._chosen if shape == self.population.shape else self._resolved(shape)
+        return self._ids_and_shape if shape == self.population.shape else self._ids_and_shape_within(shape)
 
-    def _resolved(self, shape: tuple[int, ...]) -> tuple[Ids, tuple[int, ...]]:
+    def _ids_and_shape_within(self, shape: tuple[int, ...]) -> tuple[Ids, tuple[int, ...]]:
         if not isinstance(self.index, tuple):
             return self.index, self.index.shape
         ids, sizes = np.zeros(1, dtype=np.int64), []
         for item, n in zip(_axes(self.index, shape, repr(self)), shape, strict=True):
-            along = np.arange(n, dtype=np.int64)[item] if isinstance(item, slice) else np.array([item])
-            ids = (ids[:, None] * n + along).reshape(-1)
-            sizes += [along.size] if isinstance(item, slice) else []
+            numbers = np.arange(n, dtype=np.int64)[item] if isinstance(item, slice) else np.array([item])
+            ids = (ids[:, None] * n + numbers).reshape(-1)
+            sizes += [numbers.size] if isinstance(item, slice) else []
         ids.flags.writeable = False
         return ids, tuple(sizes) or (1,)
 
     def written(self) -> str | Ids:
-        """Return the index as in YAML, "0:100" or "2:4, :", or the ids."""
+        """Return the index as text in YAML, e.g. "0:100" or "2:4, :". An index by ids is returned as the ids."""
         if not isinstance(self.index, tuple):
             return self.index
         return ", ".join(_text(item, n) for item, n in zip(self.index, _sizes(self.population), strict=True))
@@ -165,7 +165,7 @@ def count(population: HasShape) -> int:
 
 
 def _sizes(population: HasShape) -> tuple[int | str, ...]:
-    """Return the shape, in which axes that are not known yet are text."""
+    """Return the sizes of the axes. An axis whose size is not known yet is text."""
     sizes: tuple[int | str, ...] = getattr(population, "sizes", population.shape)
     return sizes
 
@@ -268,13 +268,13 @@ def _ids(population: HasShape, array: NDArray[Any]) -> Ids:
     if ids.size == 0:
         raise ModelError(f"{label} chooses no neuron: expected at least one")
     size = math.prod(_known_shape(population, label))
-    outside = np.flatnonzero((ids < -size) | (ids >= size))
-    if outside.size:
-        raise ModelError(f"{label}: found {ids[outside[0]]}: expected {-size} to {size - 1}")
+    outside_indices = np.flatnonzero((ids < -size) | (ids >= size))
+    if outside_indices.size:
+        raise ModelError(f"{label}: found {ids[outside_indices[0]]}: expected {-size} to {size - 1}")
     ids = ids % size
-    numbers, times = np.unique(ids, return_counts=True)
+    numbers, counts = np.unique(ids, return_counts=True)
     if numbers.size < ids.size:
-        raise ModelError(f"{label} chooses neuron {numbers[times > 1][0]} more than once: expected each once")
+        raise ModelError(f"{label} chooses neuron {numbers[counts > 1][0]} more than once: expected each once")
     return ids
 
 
@@ -312,7 +312,7 @@ _LIST = re.compile(r"\[\s*-?\d+\s*(,\s*-?\d+\s*)*\]")
 
 
 def view_of_index(of: Any, populations: Mapping[str, HasShape]) -> Any:
-    """Return the view that a text or a mapping from YAML describes. Names of whole populations and parts are unchanged.
+    """Return the view that a text or a mapping from YAML describes. Parts and names without an index do not change.
 
     Raises:
         ModelError: the population does not exist, or the index is not valid.

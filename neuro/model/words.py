@@ -1,4 +1,7 @@
-"""Text and HTML of networks and parts for people: set values with units, without origins, and long arrays as ranges."""
+"""Networks and parts as text and HTML for people.
+
+Values that differ from defaults are shown with units, long arrays are shown as ranges, and origins are omitted.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ _UNITS = {"every": "ms"}
 
 
 def one_line(part: Any) -> str:
-    """Return a part as the call that makes it, with the values that differ from defaults only."""
+    """Return a part as the Python call that creates it, with only those values that differ from defaults."""
     arguments = (
         f"{field.name}={repr(value) if isinstance(value, (str, Choice)) else in_words(value)}"
         for field, value in _set_fields(part)
@@ -55,7 +58,7 @@ def _population_rows(part: Any) -> Iterator[tuple[str, str, str]]:
     units = {state.name: state.unit for state in part.model.states}
     for field, value in _set_fields(part):
         if field.name == "initial":
-            yield from ((f"{name} at 0 ms", in_words(each), units[name]) for name, each in value.items())
+            yield from ((f"{name} at 0 ms", in_words(state_value), units[name]) for name, state_value in value.items())
         else:
             yield field.name, in_words(value), ""
 
@@ -74,8 +77,8 @@ def _projection_rows(part: Any) -> Iterator[tuple[str, str, str]]:
     if n_synapses is not None:
         yield "synapses", f"{n_synapses:,}", ""
     yield "synapse", in_words(part.synapse), ""
-    current = pre is not None and pre.model.role == "current"
-    yield "weight", in_words(part.weight), "" if post is None or current else getattr(post.model, "weight_unit", "")
+    is_current = pre is not None and pre.model.role == "current"
+    yield "weight", in_words(part.weight), "" if post is None or is_current else getattr(post.model, "weight_unit", "")
     yield "delay", in_words(part.delay), "ms"
 
 
@@ -92,11 +95,11 @@ def synapses(part: Any, source: Any, target: Any) -> int | None:
         return None
     pre = pre if part.source_view is None else len(part.source_view)
     post = post if part.target_view is None else len(part.target_view)
-    same = part.source == part.target
-    # Between two views of one population the number of excluded autapses is the number of shared neurons.
-    if same and not (part.source_view is None and part.target_view is None):
+    is_recurrent = part.source == part.target
+    # The number of excluded autapses between two views of one population depends on the neurons that they share.
+    if is_recurrent and not (part.source_view is None and part.target_view is None):
         return None
-    n_synapses: int | None = part.rule.synapses(pre, post, same)
+    n_synapses: int | None = part.rule.synapses(pre, post, is_recurrent)
     return n_synapses
 
 
@@ -109,6 +112,7 @@ def _parameters(choice: Choice) -> Table:
 
 
 def _set_fields(part: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield the fields whose values differ from their defaults, with their values."""
     for field in fields(part):
         value = getattr(part, field.name)
         default = field.default_factory() if field.default_factory is not MISSING else field.default
@@ -117,7 +121,7 @@ def _set_fields(part: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def in_words(value: Any) -> str:
-    """Return a value in a few words: the range of a long array, the non-default parameters of a choice."""
+    """Return a value in a few words: a long array as its range, a choice with its non-default parameters."""
     values = value.values if isinstance(value, FromFile) else value
     if isinstance(values, np.ndarray) and values.size > _MOST_LISTED and values.dtype.kind in "fiu":
         return f"{values.min():g} .. {values.max():g} ({values.size:,} values)"

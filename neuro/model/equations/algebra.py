@@ -83,9 +83,8 @@ def divide(a: Tree, b: Tree) -> Tree:
 def affine(tree: Tree, variables: Collection[str]) -> dict[str, Tree] | None:
     """Return the coefficient of each variable in a linear tree, and the constant under "".
 
-    None if the tree is not linear.
-
-    For example, `a*x + b` with the variables x and y gives {"": b, "x": a}.
+    For example, `a*x + b` with the variables x and y gives {"": b, "x": a}. The result is None if the tree is not
+    linear.
     """
     coefficients = polynomial(tree, variables, 1)
     return (
@@ -104,7 +103,7 @@ def polynomial(tree: Tree, variables: Collection[str], degree: int) -> dict[tupl
         degree: largest number of variables in a product.
 
     Returns:
-        The coefficients by product, e.g. {("x", "y"): a} for `a*x*y`. None if the tree is not such a polynomial.
+        The coefficients by product, e.g. {("x", "y"): a} for `a*x*y`, or None if the tree is not such a polynomial.
     """
     if not any(name in variables for name in names(tree)):
         return {(): tree}
@@ -151,5 +150,5 @@ def _product(
 
 
 def innermost_misfit(tree: Tree, fits: Callable[[Tree], bool]) -> Tree:
-    """Return an innermost subtree that does not satisfy `fits`: all of its operands do."""
+    """Return an innermost subtree for which `fits` is false. `fits` is true for all operands of this subtree."""
     return next((innermost_misfit(operand, fits) for operand in operands(tree) if not fits(operand)), tree)

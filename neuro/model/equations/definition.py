@@ -28,7 +28,9 @@ from neuro.model.equations.parameters import NAME, REFRACTORY, RIGHT_SIDE, WORD_
 CURRENT_NAME = "I"
 """Name of the current from generators in equations."""
 REFRACTORY_STEPS = "refractory"
+"""Name of the hidden state that counts the remaining refractory steps."""
 KERNELS = ("exp", "alpha", "delta")
+"""Shapes of the response to a spike. exp and alpha add states to the neuron, delta is a jump of a state."""
 INTEGRATORS: Mapping[str, Mapping[str, float]] = {
     "exact": {},
     "euler": {},
@@ -56,6 +58,7 @@ _SETTINGS = {
     "slope_tolerance": Quantity(doc="additional tolerance relative to |h y'|, as in NEST's aeif neurons", at_least=0),
 }
 MAX_SIZE = 4000
+"""Largest number of numbers, names and operations of an expression after expanding abbreviations."""
 MAX_RECEPTORS = 16
 
 
@@ -78,10 +81,10 @@ class Definition:
 
     Attributes:
         states: the states of the equations, V_m first, with the right sides.
-        let: abbreviations, which may use earlier ones.
-        hold: the states that are constant during refractoriness; None without refractoriness.
-        dimensions: dimensions of all states.
-        plain: the words of the definition.
+        let: abbreviations. An abbreviation may use the abbreviations before it.
+        hold: the states that are constant during refractoriness, or None for a neuron without refractoriness.
+        dimensions: dimensions of all states, those of kernels included.
+        plain: the words of the definition, as the user wrote them.
     """
 
     name: str
@@ -290,10 +293,10 @@ def _refuse_name(
     if kind == "let" and word in states:
         raise ModelError(f"'{word}' also has an equation: expected another name", found=word)
     if kind == "receptors":
-        delta = next(r for r in receptors if r.name == word).kernel == "delta"
-        if delta and word not in states:
+        is_delta = next(r for r in receptors if r.name == word).kernel == "delta"
+        if is_delta and word not in states:
             raise unknown("state", word, states)
-        if not delta and (word in states or word in let):
+        if not is_delta and (word in states or word in let):
             raise ModelError(f"'{word}' also has an equation: expected another name, because a kernel is an equation")
 
 

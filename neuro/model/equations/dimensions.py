@@ -1,10 +1,11 @@
 """Checks of dimensions: the terms of a sum, and the sides of a comparison or an equation, must have equal dimensions.
 
-The dimensions of parameters are known, and those of states are derived: each sum, comparison and equation is a linear
-equation between powers of dimensions, which is solved at once. States therefore need no declared unit.
+The dimensions of parameters are known, and those of states are derived, so states need no declared unit. Each sum,
+comparison and equation requires that two dimensions are equal. This gives a linear equation for the powers of the
+unknown dimensions, which is solved before the next part is read: from `a + x` with a in mV follows x in mV.
 
-A mistake is recorded, and the dimension of the wrong part is taken as unknown. All mistakes are thus found, and the
-context of a sum decides which of its terms are wrong.
+A mistake is recorded, and the wrong part then has an unknown dimension, so the check goes on to the next mistake. If
+the terms of a sum differ, the context of the sum decides which of them are wrong.
 """
 
 from __future__ import annotations
@@ -31,13 +32,13 @@ _KEEP_DIMENSION = {"min", "max", "abs", "where"}
 
 @dataclass(frozen=True)
 class Powers:
-    """A dimension with unknown factors: a known dimension times powers of unknown dimensions."""
+    """A known dimension times powers of unknown dimensions, e.g. ms times the square of the dimension of w."""
 
     known: Dimension
     unknown: Mapping[str, Fraction]
 
     def times(self, other: Powers, power: Fraction | int = 1) -> Powers:
-        """Return the dimension of this times a power of another."""
+        """Return the product of this dimension and a power of another dimension."""
         names = dict.fromkeys((*self.unknown, *other.unknown))
         powers = {n: self.unknown.get(n, Fraction(0)) + power * other.unknown.get(n, Fraction(0)) for n in names}
         return Powers(times(self.known, other.known, power), {n: p for n, p in powers.items() if p})
@@ -83,18 +84,18 @@ class Dimensions:
     @contextmanager
     def under_path(self, *path: str) -> Iterator[None]:
         """Set the path of an expression within the words, and record a mistake that is raised inside."""
-        before, self.path = self.path, path
+        previous_path, self.path = self.path, path
         try:
             yield
         except ModelError as error:
             self.mistakes.append((path, error))
-        self.path = before
+        self.path = previous_path
 
     def refuse(self) -> None:
         """Raise the recorded mistakes.
 
         Raises:
-            ModelError: the first mistake, with the others as `others`.
+            ModelError: the first mistake. The attribute `others` has the other mistakes.
         """
         refuse(with_path(error, path) for path, mistake in self.mistakes for error in self._errors(mistake))
 
@@ -142,7 +143,7 @@ class Dimensions:
         return self.unknown("mistake")
 
     def factor(self, expression: Expression, tree: Tree, dimension: Powers, expected: Powers) -> str:
-        """Return a hint to multiply or divide a part by units, which gives the part the expected dimension."""
+        """Return a hint with the unit by which a part must be multiplied to get the expected dimension, or ""."""
         missing = self.reduced(expected.times(dimension, -1))
         if missing.unknown:
             return ""
@@ -150,8 +151,8 @@ class Dimensions:
         if _number(tree) is None or any(power.denominator > 1 for power in missing.known):
             part = "the expression" if tree is expression.tree else f"'{text_of(tree)}'"
             return f"multiply {part} by a number in {unit}"
-        over, _, under = unit.replace(" ", "*").partition("/")
-        return f"write {text_of(tree)}{f' {over}' * (over != '1')}{f'/{under}' * bool(under)}"
+        numerator, _, divisor = unit.replace(" ", "*").partition("/")
+        return f"write {text_of(tree)}{f' {numerator}' * (numerator != '1')}{f'/{divisor}' * bool(divisor)}"
 
     def dimension(self, name: str) -> Dimension | None:
         """Return the dimension of a name, or None if it is unknown."""
@@ -167,7 +168,7 @@ class Dimensions:
             self.mistake(expression.mistake(_begin(expression.tree), message, hint))
 
     def name(self, name: str, power_of_time: int = 0) -> Powers:
-        """Return the dimension of a name times a power of time."""
+        """Return the dimension of a name times a power of time, e.g. power -1 for a derivative."""
         time = (Fraction(0), Fraction(power_of_time), Fraction(0))
         return self.names[name].times(Powers(time, {}))
 
@@ -180,7 +181,7 @@ class Dimensions:
         return powers
 
     def same(self, a: Powers, b: Powers) -> bool:
-        """Return whether two dimensions can be equal, and solve for an unknown dimension."""
+        """Return whether two dimensions can be equal. If one has an unknown dimension, store the solution for it."""
         quotient = self.reduced(a.times(b, -1))
         if not quotient.unknown:
             return quotient.known == NONE
@@ -240,7 +241,7 @@ class Dimensions:
     def _common_dimension(
         self, expression: Expression, terms: list[tuple[Binary | None, Tree]], expected: Powers | None = None
     ) -> Powers:
-        """Return the common dimension of all terms. Terms of unknown dimension get the dimension of the other terms."""
+        """Return the common dimension of all terms. Terms of unknown dimension get the same dimension."""
         terms_with_powers = [(sign, tree, self.powers(expression, tree)) for sign, tree in terms]
         dimensions = [self.reduced(powers) for _, _, powers in terms_with_powers]
         common = next((powers for powers in dimensions if not powers.unknown), dimensions[0])
@@ -301,7 +302,7 @@ class Dimensions:
 
 
 def refuse(errors: Iterable[ModelError]) -> None:
-    """Raise the first of several errors, with the rest as its `others`; do nothing without errors."""
+    """Raise the first of several errors, with the other errors as its `others`. Do nothing if there are none."""
     all_errors = [*errors]
     if all_errors:
         all_errors[0].others = tuple(all_errors[1:])
@@ -309,7 +310,7 @@ def refuse(errors: Iterable[ModelError]) -> None:
 
 
 def with_path(error: ModelError, path: tuple[str, ...]) -> ModelError:
-    """Return an error with a path of words before its message and path."""
+    """Return an error with a path of words put before its message and its path."""
     message = f"{'.'.join(path)}{', ' if isinstance(error, Misread) else ': '}{error.message}"
     return error.but(message=message, path=(*path, *error.path))
 
@@ -329,7 +330,7 @@ def is_comparison(tree: Tree) -> bool:
 
 
 def refuse_inner_comparisons(whole: Expression, tree: Tree, allowed: bool = False) -> None:
-    """Raise an error for a comparison that is not the first argument of `where` or a threshold.
+    """Raise an error for a comparison, except in a threshold and in the first argument of `where`.
 
     Raises:
         ModelError: a comparison is in another place.

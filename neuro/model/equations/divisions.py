@@ -36,7 +36,7 @@ class Divisions:
     Args:
         parameters: parameters of the model.
         variables: names of states and receptors. They hide units of the same name.
-        let: abbreviations, which may use earlier ones.
+        let: abbreviations. An abbreviation may use the abbreviations before it.
         expressions: the other expressions, by their paths in the words.
         taus: paths of the expressions that are time constants.
     """
@@ -54,10 +54,10 @@ class Divisions:
         self.all: dict[Words, Expression] = {("let", name): expression for name, expression in let.items()}
         self.all |= expressions
         self.taus = frozenset(taus)
-        self.risky = {name for expression in self.all.values() for name in self._risky(expression.tree)}
-        self.risky |= {name for path in self.taus for name in algebra.names(self.all[path].tree)}
+        self.risky_names = {name for expression in self.all.values() for name in self._risky_names(expression.tree)}
+        self.risky_names |= {name for path in self.taus for name in algebra.names(self.all[path].tree)}
 
-    def _risky(self, tree: Tree) -> Iterator[str]:
+    def _risky_names(self, tree: Tree) -> Iterator[str]:
         """Yield the parameters and abbreviations in divisors, powers and function arguments."""
         for part in algebra.subtrees(tree):
             if isinstance(part, Call):
@@ -66,18 +66,19 @@ class Divisions:
                 yield from self._with_definitions(part.right if part.sign == "/" else part)
 
     def _with_definitions(self, tree: Tree) -> Iterator[str]:
+        """Yield the names in a tree, and the names in the abbreviations that the tree uses."""
         for name in algebra.names(tree):
             yield name
             if name in self.let:
                 yield from self._with_definitions(self.let[name].tree)
 
     def mistakes(self, values: Mapping[str, Any]) -> Iterator[ModelError]:
-        """Yield errors for values of parameters.
+        """Yield an error for each expression that is not finite for these values of parameters.
 
         Args:
             values: values by name, in the unit of each parameter. Missing parameters are not checked.
         """
-        if not self.risky & set(values) and len(values) < len(self.parameters):
+        if not self.risky_names & set(values) and len(values) < len(self.parameters):
             return
         known_values: dict[str, Any] = {
             name: np.asarray(value, dtype=np.float64) * self.parameters[name].factor
@@ -101,7 +102,7 @@ class Divisions:
                         known_values[path[1]] = value_of_tree
 
     def _dependencies(self, evaluator: _Evaluator, values: Mapping[str, Any]) -> str:
-        """Return, as text, the values of the parameters that cause a mistake."""
+        """Return the values of the parameters in the wrong subtree as text, e.g. "tau_m = 0 ms"."""
         texts = {}
         for name in self._with_definitions(evaluator.wrong_tree):
             if name in values:
@@ -118,15 +119,16 @@ class _Evaluator:
 
     Attributes:
         wrong_tree: the subtree with the last mistake.
-        first: the first neuron with the mistake.
+        first: the index of the first neuron with this mistake.
     """
 
     def __init__(self, expression: Expression, values: Mapping[str, Any]) -> None:
         self.expression, self.known = expression, values
         self.wrong_tree, self.first = expression.tree, 0
 
-    def mistake(self, tree: Tree, message: str, good: Any, at: int = 0) -> ModelError:
-        self.wrong_tree, self.first = tree, int(np.argmin(good))
+    def mistake(self, tree: Tree, message: str, is_valid: Any, at: int = 0) -> ModelError:
+        """Return the error of a subtree. `is_valid` has a boolean per neuron."""
+        self.wrong_tree, self.first = tree, int(np.argmin(is_valid))
         return self.expression.mistake(at, f"'{text_of(tree)}' {message}")
 
     def evaluate(self, tree: Tree) -> Any:
@@ -149,10 +151,10 @@ class _Evaluator:
         if any(value is None for value in values):
             return None
         result = _FUNCTIONS[sign](*values)
-        good = np.isfinite(result)
-        if not good.all():
-            worst = np.ravel(result)[np.argmin(good)]
-            raise self.mistake(tree, f"is {worst:g}: expected a finite number", good, tree.at)
+        is_finite = np.isfinite(result)
+        if not is_finite.all():
+            worst = np.ravel(result)[np.argmin(is_finite)]
+            raise self.mistake(tree, f"is {worst:g}: expected a finite number", is_finite, tree.at)
         return result
 
     def choice(self, condition: Binary, first: Tree, second: Tree) -> Any:

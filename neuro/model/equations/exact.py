@@ -17,7 +17,11 @@ CONSTANT = ""
 
 @dataclass(frozen=True)
 class System:
-    """A linear system z' = A z + b + e I. Each row has the coefficients of the states and of I, and b under ""."""
+    """A linear system z' = A z + b + e I. A row has the coefficients of one equation by name of the state.
+
+    The coefficient of the current has the key "I", and the constant part has the key "". Coefficients of 0 are left
+    out.
+    """
 
     rows: Mapping[str, Mapping[str, Tree]]
 
@@ -41,7 +45,7 @@ class System:
 
 
 def kernel_rows(receptor: Receptor) -> dict[str, dict[str, Tree]]:
-    """Return the equations of a receptor's states."""
+    """Return the rows of the system for the states of a receptor; none for a delta kernel."""
     if receptor.tau is None:
         return {}
     decay = algebra.negate(algebra.divide(algebra.ONE, receptor.tau.tree))
@@ -93,8 +97,8 @@ def solution(linear: System, name: str, offset_name: str, fixed: tuple[str, ...]
     Args:
         linear: the system.
         name: the state.
-        offset_name: name of the offset of the solution in the constants.
-        fixed: the constant states.
+        offset_name: name of the variable with the offset of the solution in the constants.
+        fixed: states that are constant during the step.
     """
     states = linear.states
     i, names = states.index(name), linear.dependencies(fixed)[name]
@@ -112,7 +116,8 @@ def solution(linear: System, name: str, offset_name: str, fixed: tuple[str, ...]
 def quiet_lines(definition: Definition, linear: System, constants: Constants, held_row: int | None) -> list[str] | None:
     """Return the body of `quiet`, or None if no bound is known.
 
-    The bound is the state at the threshold, relaxed under its constant drive, plus the remaining charge of all kernels.
+    An upper bound of the state in the threshold test is its highest value under the constant drive alone, plus the
+    remaining charge of all kernels. The neuron is quiet if this bound is below the threshold.
     """
     if definition.threshold is None:
         return ["return True"]
@@ -144,7 +149,10 @@ def quiet_lines(definition: Definition, linear: System, constants: Constants, he
 
 
 def _charges(definition: Definition, linear: System, name: str, constants: Constants) -> list[tuple[str, str]] | None:
-    """Return the kernel states that drive a state, each with the charge of one unit; None if others drive the state."""
+    """Return the kernel states that drive a state, each with the total effect of one unit of it.
+
+    The result is None if another state drives the state too.
+    """
     kernels = {r.name: r for r in definition.receptors if r.kernel != "delta"}
     charges = []
     for word, factor in linear.rows[name].items():
@@ -183,7 +191,7 @@ def change(c, offset, n, n_inputs, h):
         offset: offset of the matrix.
         n: rows of A.
         n_inputs: columns of B.
-        h: duration.
+        h: duration of the step in ms.
     """
     size = n + n_inputs
     norm = 0.0
@@ -196,21 +204,21 @@ def change(c, offset, n, n_inputs, h):
         for k in range(size * size):
             c[offset + k] = math.nan
         return
-    squarings, part = 0, h
+    squarings, duration = 0, h
     while norm > 0.5:
         norm *= 0.5
-        part *= 0.5
+        duration *= 0.5
         squarings += 1
-    first, buffer = offset + size * size, offset + 2 * size * size
+    scaled, buffer = offset + size * size, offset + 2 * size * size
     for k in range(size * size):
-        c[offset + k] *= part
-        c[first + k] = c[offset + k]
+        c[offset + k] *= duration
+        c[scaled + k] = c[offset + k]
     for term in range(TERMS, 1, -1):
         for k in range(size * size):
             c[offset + k] /= term
         for i in range(size):
             c[offset + i * size + i] += 1.0
-        multiply(c, first, offset, buffer, size)
+        multiply(c, scaled, offset, buffer, size)
         for k in range(size * size):
             c[offset + k] = c[buffer + k]
     for _ in range(squarings):
@@ -220,7 +228,7 @@ def change(c, offset, n, n_inputs, h):
 
 
 def multiply(c, a, b, output, size):
-    """Write the product of the sparse matrices at `a` and `b` to `output`."""
+    """Write the product of the matrices at offsets `a` and `b` of `c` to offset `output`. Elements of 0 are skipped."""
     for k in range(size * size):
         c[output + k] = 0.0
     for i in range(size):
@@ -232,7 +240,7 @@ def multiply(c, a, b, output, size):
 
 
 def lasting(leak):
-    """Return the time constant 1/leak, infinite without leak, NaN for negative leak."""
+    """Return the time constant 1/leak: infinite for a leak of 0, and NaN for a negative leak."""
     return 1.0 / leak if leak > 0.0 else (math.inf if leak == 0.0 else math.nan)
 
 
@@ -242,7 +250,7 @@ def positive(tau):
 
 
 def relaxed(value, drive, gain):
-    """Return the highest value of a state with a leak under a constant drive. `gain` is `lasting` of the leak."""
+    """Return the highest future value of a state with a leak under a constant drive. `gain` is `lasting(leak)`."""
     if math.isinf(gain):
         return value if drive <= 0.0 else math.inf
     return max(value, drive * gain) if gain > 0.0 else math.inf

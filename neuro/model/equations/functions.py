@@ -44,7 +44,7 @@ PUBLIC = (
 
 
 def of_exp(x):
-    """Return e^x, infinite for results beyond the range of a double."""
+    """Return e^x, or infinity if the result is beyond the range of a double."""
     return math.exp(x) if x < LARGEST_EXPONENT else (math.inf if x >= LARGEST_EXPONENT else math.nan)
 
 
@@ -54,7 +54,7 @@ def of_expm1(x):
 
 
 def of_exprel(x):
-    """Return (e^x - 1)/x, with the limit 1 at 0."""
+    """Return (e^x - 1)/x. The result at 0 is the limit 1."""
     return 1.0 + 0.5 * x if abs(x) < 1e-8 else of_expm1(x) / x
 
 
@@ -129,7 +129,7 @@ def fourth(x):
 
 
 def resized(size, error):
-    """Return the next size of a step after an error of `error` tolerances, by GSL's standard step control."""
+    """Return the next size of a step by GSL's standard step control. `error` is in units of the tolerance."""
     if error > 1.1:
         return size * max(0.2, 0.9 / error**0.2)
     if error < 0.5:

@@ -46,7 +46,7 @@ class EquationNeuron(InEquations, Neuron):
 
     @classmethod
     def initial(cls, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the states that the definition gives at time 0. By default V_m starts at E_L if both exist."""
+        """Return the initial states of the definition. By default V_m starts at E_L if both exist."""
         words = list(cls.quantities())
         rows = np.broadcast_arrays(*(np.atleast_1d(parameters[word]) for word in words))
         values = np.zeros((rows[0].size, len(cls.states)))
@@ -99,11 +99,11 @@ def neuron(name: str, words: Mapping[str, Any]) -> type[EquationNeuron]:
     neuron_steps = steps.check_integrator(steps.NeuronSteps(definition, linear, constants))
     text, width = _text(neuron_steps)
     arithmetic = module(text)
-    positive = {
+    positive_names = {
         *_divisors(definition),
         *(r.tau.tree.name for r in definition.receptors if r.tau and isinstance(r.tau.tree, Name)),
     }
-    quantities = {word: p.quantity(word in positive) for word, p in definition.parameters.items()}
+    quantities = {word: p.quantity(word in positive_names) for word, p in definition.parameters.items()}
     if (p := definition.parameters.get("t_ref")) is not None:
         quantities["t_ref"] = Quantity(unit=p.unit, doc=p.doc or "refractory period", at_least=0, arrays=True)
     threshold = definition.plain.get("threshold", "")
@@ -134,7 +134,7 @@ def neuron(name: str, words: Mapping[str, Any]) -> type[EquationNeuron]:
 
 
 def _divisors(definition: Definition) -> set[str]:
-    """Return the parameters that are divisors."""
+    """Return the names of the parameters by which an equation divides."""
 
     def inner(tree: Tree) -> set[str]:
         match tree:

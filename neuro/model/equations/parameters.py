@@ -85,6 +85,7 @@ def parse(text: object) -> Expression:
 BOUNDS = ("above", "at_least", "below", "at_most")
 WORDS = ("default", *BOUNDS, "doc")
 NAME = "expected letters, digits and '_', with a letter first, no '_' at the end and no '__'"
+"""End of the messages about names that are not valid."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ class Parameter:
     Attributes:
         default: the default value, in `unit`.
         unit: unit of the default and of the bounds.
-        factor: value of one unit in mV, ms and pA.
+        factor: value of one unit in the base units mV, ms and pA.
         dimension: dimension of the unit.
         bounds: the bounds in the definition, in `unit`.
         doc: the description.
@@ -166,7 +167,7 @@ def _parameter(name: Any, words: Any) -> Parameter:
 
 
 def refuse_attributes(parameters: Iterable[str], base: type[Choice]) -> None:
-    """Raise an error for parameters with the name of an attribute of the class for which they become fields.
+    """Raise an error for a parameter with the name of an attribute of the class. Parameters become fields of the class.
 
     Args:
         parameters: names of the parameters.

@@ -1,7 +1,7 @@
 """Model classes of spike-pair rules in equations: traces, states, and the effects of spikes and a signal.
 
-Between spikes the states decay, and the signal changes the weight. The rate of change of the weight must be a sum of
-products of exponentially decaying quantities, for exact integration.
+Between spikes the states decay, and the signal changes the weight. The weight is integrated exactly. Its rate of change
+must therefore be a sum of products of exponentially decaying quantities.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ class Pairs:
     """A rule of spike pairs as syntax trees.
 
     Attributes:
-        traces: side and trace by name.
+        traces: for each name of a trace, the side ("pre" or "post") and the trace.
         states: for each state of a synapse other than its weight, the parameter with its time constant, or "" for a
             constant state.
         spikes: the changes by a pre spike and by a post spike.
-        drift: the derivative of the weight under the signal. None for a rule without signal.
-        dimensions: dimensions of the states. None for a dimension that depends on the unit of the weight.
-        plain: the words of the definition.
+        drift: the derivative of the weight under the signal, or None for a rule without a signal.
+        dimensions: dimension of each state, or None for a dimension that depends on the unit of the weight.
+        plain: the words of the definition, as the user wrote them.
     """
 
     name: str
@@ -118,7 +118,7 @@ def _check_special(word: str, parameter: Parameter) -> None:
 
 
 def _traces(section: Any, parameters: Mapping[str, Parameter]) -> dict[str, tuple[str, Trace]]:
-    """Return side and trace by name."""
+    """Return the side and the trace for each name of a trace."""
     traces = {}
     for name, words in _items(section, "traces", "{name: {of: pre, tau: ...}}"):
         with under_path("traces", name):
@@ -179,12 +179,12 @@ def _check_dimensions(pairs: Pairs) -> Pairs:
     """
     traces = {name: NONE if trace.tau else TIME for name, (_, trace) in pairs.traces.items()}
     parameters: dict[str, Dimension] = {word: p.dimension for word, p in pairs.parameters.items()}
-    changed = (WEIGHT, *pairs.states)
-    dims = Dimensions(parameters | traces, (*changed, *([SIGNAL] if pairs.drift is not None else [])))
+    changeable = (WEIGHT, *pairs.states)
+    dims = Dimensions(parameters | traces, (*changeable, *([SIGNAL] if pairs.drift is not None else [])))
     for word, changes in pairs.spikes.items():
         for name, expression in changes.items():
-            if name not in changed:
-                raise unknown("state of a synapse", name, list(changed), path=(word, name))
+            if name not in changeable:
+                raise unknown("state of a synapse", name, list(changeable), path=(word, name))
             with dims.under_path(word, name):
                 if pairs.drift is not None:
                     _refuse(expression, (SIGNAL,), "is the signal, which acts between spikes", "use it in on_signal")
@@ -225,6 +225,7 @@ def _refuse(expression: Expression, names: Collection[str], reason: str, hint: s
 
 _HEAD = f"from neuro.model.equations.functions import {', '.join(PUBLIC)}\n"
 _OF_RULES = ("traces", "states", *SPIKES, "on_signal")
+"""Words that only the definition of a rule has. A definition with one of them is a rule, else a neuron."""
 
 
 class EquationSynapse(InEquations, Synapse):
@@ -334,7 +335,7 @@ def _text(pairs: Pairs, constants: Constants) -> str:
 
 
 def _spike_lines(pairs: Pairs, word: str, constants: Constants) -> list[str]:
-    """Return the lines for the changes by a spike. All of them use the values before the spike."""
+    """Return the lines for the changes by a spike. Each change is computed from the values before the spike."""
     changes, rows = pairs.spikes[word], {name: k for k, name in enumerate((WEIGHT, *pairs.states))}
     variables = {name: local(name) for name in rows}
     for side in ("pre", "post"):
@@ -346,16 +347,16 @@ def _spike_lines(pairs: Pairs, word: str, constants: Constants) -> list[str]:
 
 
 DEGREE = 4
-"""Largest number of decaying factors, i.e. states or the signal, in a product of the rate."""
+"""Largest number of decaying factors in a product of the rate. A factor is a state or the signal."""
 
 
 def advance_lines(pairs: Pairs, constants: Constants) -> list[str]:
     """Return the body of `advance`."""
     rows = {name: k for k, name in enumerate((WEIGHT, *pairs.states))}
     lines = [f"passed = (end - begin) * {constants.place_of('h')}"]
-    used = set() if pairs.drift is None else {WEIGHT, *names(pairs.drift.tree)}
+    names_in_drift = set() if pairs.drift is None else {WEIGHT, *names(pairs.drift.tree)}
     decaying = [name for name, tau in pairs.states.items() if tau]
-    lines += [f"{local(name)} = y[{rows[name]}, e]" for name in rows if name in used or name in decaying]
+    lines += [f"{local(name)} = y[{rows[name]}, e]" for name in rows if name in names_in_drift or name in decaying]
     if pairs.drift is not None:
         lines.append(f"{local(WEIGHT)} += {_weight_change(pairs, pairs.drift, constants)}")
         lines.append(f"y[0, e] = {_clipped_weight(pairs, constants)}")
@@ -393,7 +394,7 @@ def _weight_change(pairs: Pairs, drift: Expression, constants: Constants) -> str
 
 
 def _decay_integral(taus: list[str], constants: Constants) -> str:
-    """Return the integral of a product of exponential decays over the elapsed time, by their time constants."""
+    """Return the integral over the elapsed time of a product of exponential decays. `taus` are their time constants."""
     if not taus:
         return "passed"
     tau = constants.place_of(
@@ -403,7 +404,7 @@ def _decay_integral(taus: list[str], constants: Constants) -> str:
 
 
 def _clipped_weight(pairs: Pairs, constants: Constants) -> str:
-    """Return the weight clipped to Wmin, or 0, and Wmax. A negative Wmax is the smallest weight."""
+    """Return the weight clipped to the range of Wmin (by default 0) and Wmax. A negative Wmax is the lower end."""
     if "Wmax" not in pairs.parameters:
         return local(WEIGHT)
     ends = f"{local('Wmin') if 'Wmin' in pairs.parameters else '0.0'}, {local('Wmax')}"

@@ -1,8 +1,8 @@
 """Generation of the step of a neuron as text, for each integrator.
 
-The Runge-Kutta methods are the classical one of fourth order and Fehlberg's with step size control. Methods and sources
-are those of `neuro.model.neurons.integrators`. This module generates the methods separately, because the threshold is
-tested after each substep.
+The Runge-Kutta methods are the classical method of fourth order, and Fehlberg's method with step size control. Both are
+explained, with their sources, in `neuro.model.neurons.integrators`. This module generates code of its own for them,
+because the threshold is tested after each substep.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ HEAD = "step(s, c, x, i_0, lo, hi, fired)"
 
 @dataclass(frozen=True)
 class NeuronSteps:
-    """Definition, linear system and constants of a neuron, to generate its functions."""
+    """A neuron whose functions are generated: its definition, its linear system if it has one, and its constants."""
 
     definition: Definition
     linear: System | None
@@ -44,7 +44,7 @@ class NeuronSteps:
 
     @property
     def rows(self) -> dict[str, int]:
-        """Row of each state."""
+        """Row of each state in the array `s`."""
         hidden = [REFRACTORY_STEPS] if self.definition.hold is not None else []
         hidden += [PART] if self.integrator == "rkf45" else []
         return {name: k for k, name in enumerate((*self.integrated, *hidden))}
@@ -60,7 +60,7 @@ class NeuronSteps:
         return self.integrator in ("rk4", "rkf45")
 
     def write(self, tree: Tree, variables: dict[str, str]) -> str:
-        """Return a tree as Python, with the given variables for its states."""
+        """Return a tree as Python. `variables` has the Python variable of each state."""
         return to_python(self.definition.full(tree), self.constants.leaf(variables))
 
     def fires(self, variables: dict[str, str]) -> str:
@@ -137,8 +137,8 @@ def fire_lines(neuron: NeuronSteps) -> list[str]:
         return ["pass"]
     variables = {name: local(name) for name in neuron.integrated}
     reset = neuron.definition.reset
-    used = {word for e in reset.values() for word in algebra.names(neuron.definition.full(e.tree))}
-    lines = [f"{local(name)} = s[{neuron.rows[name]}, i]" for name in neuron.integrated if name in used]
+    names_in_reset = {word for e in reset.values() for word in algebra.names(neuron.definition.full(e.tree))}
+    lines = [f"{local(name)} = s[{neuron.rows[name]}, i]" for name in neuron.integrated if name in names_in_reset]
     lines += [f"{local(name, 'next')} = {neuron.write(e.tree, variables)}" for name, e in reset.items()]
     lines += [f"s[{neuron.rows[name]}, i] = {local(name, 'next')}" for name in reset]
     if neuron.definition.hold is not None:
@@ -149,7 +149,8 @@ def fire_lines(neuron: NeuronSteps) -> list[str]:
 def _exact(neuron: NeuronSteps) -> list[str]:
     """Return the step with the solution of a linear system.
 
-    States that depend on refractory states have a second solution for refractory neurons.
+    During refractoriness the states in `hold` are constant. A state that depends on one of them then has another
+    solution, which is also computed.
     """
     linear = neuron.linear
     assert linear is not None
@@ -169,7 +170,7 @@ def _exact(neuron: NeuronSteps) -> list[str]:
 def _euler(neuron: NeuronSteps) -> list[str]:
     """Return the step of the Euler methods, which use the values at the beginning of the step.
 
-    Kernels decay exactly.
+    The states of kernels decay exactly.
     """
     definition = neuron.definition
     variables = {name: local(name) for name in neuron.integrated} | {CURRENT_NAME: "i_0[i]"}
@@ -186,7 +187,7 @@ def _euler(neuron: NeuronSteps) -> list[str]:
 
 
 def _exponential_euler(neuron: NeuronSteps, name: str, tree: Tree, variables: dict[str, str]) -> str:
-    """Return the exact solution of a state with all other states constant."""
+    """Return the exact solution of a state during a step in which all other states are constant."""
     row = algebra.affine(neuron.definition.full(tree), {name})
     if row is None:
         message = f"equations.{name}: not linear in {name}, as exponential_euler requires"
@@ -230,7 +231,7 @@ def arrivals(neuron: NeuronSteps) -> dict[str, str]:
 def _loop(neuron: NeuronSteps, updates: dict[str, str]) -> list[str]:
     """Return the loop that updates all states, adds the input, and tests the threshold.
 
-    Refractory states are constant.
+    During refractoriness the states in `hold` do not change.
     """
     rows, has_refractoriness = neuron.rows, neuron.definition.hold is not None
     inputs = arrivals(neuron)
@@ -307,7 +308,7 @@ def _spike_lines(neuron: NeuronSteps) -> Iterator[str]:
 
 
 def rates_function(neuron: NeuronSteps) -> tuple[str, list[str]]:
-    """Return arguments and body of `rates`, the derivatives of the states.
+    """Return the arguments and the body of `rates`, which returns the derivatives of the states.
 
     A state above its threshold counts as at the threshold, because a step that crosses the threshold ends in a reset.
     """
@@ -354,7 +355,7 @@ def _limited_state(neuron: NeuronSteps) -> tuple[str, Tree] | None:
 
 
 Call = Callable[[dict[str, str]], str]
-"""Function from the values of states, as text by state, to the text of the call of `rates`."""
+"""Function that returns the text of a call of `rates`. Its argument has the text of the value of each state."""
 
 SMALLEST = 1e-12
 """Smallest substep, as a share of the step. It is accepted with any error."""
@@ -368,7 +369,7 @@ def rk4_lines(
     settings: Mapping[str, float],
     part: str,
 ) -> list[str]:
-    """Return the lines of a step in equal substeps, with a threshold test after each."""
+    """Return the lines of a step in equal substeps, with a threshold test after each substep."""
     count = int(settings["substeps"])
     h = constants.place_of("h" if count == 1 else f"h / {count}")
     lines = _stage(1, states, call({name: local(name) for name in states}))
@@ -390,7 +391,7 @@ def rkf45_lines(
     settings: Mapping[str, float],
     part: str,
 ) -> list[str]:
-    """Return the lines of a step in substeps with errors below the tolerance, with a threshold test after each.
+    """Return the lines of a step in substeps with errors below the tolerance and a threshold test after each substep.
 
     The state `part` has the size of the next substep.
     """
@@ -412,6 +413,7 @@ def rkf45_lines(
 
 
 def _try(states: tuple[str, ...], call: Call, h: str, settings: Mapping[str, float]) -> list[str]:
+    """Return the lines of one attempt at a substep. They set `trying` if its error is too large."""
     tolerance, by_slope = settings["tolerance"], settings["slope_tolerance"]
     lines = [f"last = size > {h} - t", f"now = {h} - t if last else size"]
     for stage in range(2, 7):

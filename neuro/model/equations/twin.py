@@ -36,7 +36,7 @@ class Twin:
 
     Attributes:
         model: iaf_psc_exp or iaf_psc_delta.
-        states: the built-in state of each state of the equations, or two built-in states that add up to it.
+        states: for each state of the equations, the built-in state, or two built-in states whose sum it is.
         words: parameters of the model, computed from the parameters of the equations.
         arithmetic: module with `twin(p, q)`, which computes these parameters.
     """
@@ -153,7 +153,11 @@ def _membrane(
 
 
 def _is_current(term: Product, leak: list[Product], gain: list[Product]) -> bool:
-    """Return whether a constant term is a current: as a current it has fewer factors than as a potential."""
+    """Return whether a constant term is a current rather than a potential.
+
+    The term is a current if it has fewer factors after division by the gain than after division by the leak. With the
+    gain 1/C and the leak 1/tau, I_0/C gives I_0 (one factor) and I_0*tau/C (three factors), so I_0/C is a current.
+    """
     if len(leak) > 1 or len(gain) > 1:
         return False
     return len(term.times(gain[0], -1).powers) < len(term.times(leak[0], -1).powers)
@@ -172,10 +176,10 @@ def _spike(definition: Definition, potential: str) -> dict[str, Tree]:
     reset = {name: definition.full(expression.tree) for name, expression in definition.reset.items()}
     if [*reset] != [potential]:
         raise ModelError(f"a spike resets {', '.join(reset) or 'nothing'}", hint=f"reset only {potential}")
-    for what, of in (("threshold", limit), (f"reset of {potential}", reset[potential])):
-        names = [name for name in algebra.names(of) if name not in parameters and name not in UNITS]
+    for label, tree in (("threshold", limit), (f"reset of {potential}", reset[potential])):
+        names = [name for name in algebra.names(tree) if name not in parameters and name not in UNITS]
         if names:
-            raise ModelError(f"its {what} depends on {names[0]}", hint="use only parameters")
+            raise ModelError(f"its {label} depends on {names[0]}", hint="use only parameters")
     if definition.hold is not None and potential not in definition.hold:
         raise ModelError(f"{potential} is not constant during refractoriness", hint=f"write hold: [{potential}]")
     period = Name("t_ref", 0) if definition.hold is not None else algebra.ZERO
@@ -188,7 +192,10 @@ MAX_PRODUCTS = 64
 
 @dataclass(frozen=True)
 class Product:
-    """A number times powers of factors. A factor is a name or a subtree that is not a product, with its text as key."""
+    """A number times powers of factors: 2*a/b has the number 2 and the powers {"a": 1, "b": -1}.
+
+    A factor is a name, or a subtree that is not a product. Its key is its text.
+    """
 
     number: float
     powers: Mapping[str, int]
@@ -267,12 +274,12 @@ def _products(tree: Tree, parameters: set[str]) -> list[Product]:
             ]
         case Name() | Call() | Binary():
             terms = [_factor(tree)]
-    # Products with the same powers are added, and those that are 0 are dropped.
+    # Products with the same powers are added, and products that are 0 are dropped.
     by_powers: dict[frozenset[tuple[str, int]], Product] = {}
     for x in terms:
         key = frozenset(x.powers.items())
-        earlier_terms = by_powers[key].number if key in by_powers else 0.0
-        by_powers[key] = Product(earlier_terms + x.number, x.powers, x.factors)
+        earlier_number = by_powers[key].number if key in by_powers else 0.0
+        by_powers[key] = Product(earlier_number + x.number, x.powers, x.factors)
     return [x for x in by_powers.values() if x.number != 0.0]
 
 

@@ -26,7 +26,7 @@ _CONSTANT = re.compile(r"\bc\[(\d+)\]")
 
 
 def local(name: str, role: str = "") -> str:
-    """Return the variable for a name, e.g. `V_m_`, or for another value of it by role, e.g. `V_m__next`.
+    """Return the Python variable of a name, e.g. `V_m_`. A variable with a role has another value, e.g. `V_m__next`.
 
     Names contain no `__` and do not end in `_`, so variables of different names cannot collide with each other or with
     Python's words.
@@ -80,7 +80,7 @@ def _is_constant(tree: Tree, leaf: Leaf) -> bool:
 
 
 class Constants:
-    """Constants of a model: all subexpressions that depend on parameters only, computed once in `constants`.
+    """Constants of a model: subexpressions of parameters only, which the function `constants` computes once.
 
     Args:
         parameters: parameters of the model, in order.
@@ -117,7 +117,7 @@ class Constants:
         return all(name in self.parameters or (name in UNITS and name not in self.variables) for name in names)
 
     def leaf(self, variables: Mapping[str, str]) -> Leaf:
-        """Return a function that writes variables by name, and subtrees of parameters as constants."""
+        """Return a `Leaf` that writes a name as its variable, and a subtree of parameters as an element of `c`."""
 
         def leaf(tree: Tree) -> str | None:
             if isinstance(tree, Name) and tree.name in variables:
@@ -149,7 +149,7 @@ class Constants:
 
 
 def hoist_constants(lines: list[str]) -> tuple[list[str], list[str]]:
-    """Return the constants that lines read, and the lines with a variable such as `c3` instead of `c[3]`."""
+    """Return the variables of the constants that lines read, and the lines with `c3` in place of `c[3]`."""
     numbers = dict.fromkeys(number for line in lines for number in _CONSTANT.findall(line))
     return [f"c{number}" for number in numbers], [_CONSTANT.sub(r"c\1", line) for line in lines]
 

@@ -145,7 +145,7 @@ class stdp_nn_pre_centered(WeightDependent):
     )
 
     def on_post(y, e, c, pre, post):
-        """Potentiate by the pre spikes since the last post spike. `pre[0]` is the decay of K+ since the last of them."""
+        """Potentiate by the pre spikes since the last post spike. `pre[0]` is the decay since the last of them."""
         y[0, e] = potentiated(y[0, e], y[1, e] * pre[0], c)
         y[1, e] = 0.0
 
