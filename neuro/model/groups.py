@@ -85,8 +85,8 @@ class lateral_reset(Competition):
     """A spike resets all neurons along an axis, so that the first neuron to fire delays the others.
 
     Neurons whose coordinates differ only along `axis` are rivals. If several rivals reach the threshold in a step, the
-    rival with the largest V_m - V_th fires, and ties are broken at random. All its rivals are reset as after a spike,
-    whether or not they reached the threshold: V_m is set to V_reset and the neuron is refractory for t_ref, but rivals
+    rival with the largest V_m - V_th fires, and ties are broken at random. All its rivals, below the threshold
+    or not, are reset as after a spike: V_m is set to V_reset and the neuron is refractory for t_ref, but rivals
     emit no spike.
     Source: temporal winner-take-all of HFirst, Orchard et al., IEEE TPAMI 37:2028, 2015
     """

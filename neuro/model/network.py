@@ -399,7 +399,7 @@ class Network(Description):
         return neurons
 
     def _neurons(self, of: Population | View | str, label: str, role: str) -> tuple[str, View | None]:
-        """Return the name of a population, and a view of it if only some of its neurons are chosen."""
+        """Return the name of a population, and a view if only some of the neurons are chosen."""
         of = self._view_or_name(of, f"{label}: {role}")
         if isinstance(of, View):
             return self._name_of(of.population, label, role), of

@@ -24,7 +24,7 @@ _UNITS = {"every": "ms"}
 
 
 def one_line(part: Any) -> str:
-    """Return a part as the Python call that creates it, with only those values that differ from defaults."""
+    """Return a part as a Python call that creates the part, without values equal to the defaults."""
     arguments = (
         f"{field.name}={repr(value) if isinstance(value, (str, Choice)) else in_words(value)}"
         for field, value in _set_fields(part)
@@ -96,7 +96,7 @@ def synapses(part: Any, source: Any, target: Any) -> int | None:
     pre = pre if part.source_view is None else len(part.source_view)
     post = post if part.target_view is None else len(part.target_view)
     is_recurrent = part.source == part.target
-    # The number of excluded autapses between two views of one population depends on the neurons that they share.
+    # The number of excluded autapses between two views of one population depends on the shared neurons.
     if is_recurrent and not (part.source_view is None and part.target_view is None):
         return None
     n_synapses: int | None = part.rule.synapses(pre, post, is_recurrent)
@@ -112,7 +112,7 @@ def _parameters(choice: Choice) -> Table:
 
 
 def _set_fields(part: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield the fields whose values differ from their defaults, with their values."""
+    """Yield each field with a value other than the default, and the value."""
     for field in fields(part):
         value = getattr(part, field.name)
         default = field.default_factory() if field.default_factory is not MISSING else field.default
@@ -121,7 +121,7 @@ def _set_fields(part: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def in_words(value: Any) -> str:
-    """Return a value in a few words: a long array as its range, a choice with its non-default parameters."""
+    """Return a value in a few words: a long array as a range, a choice with the non-default parameters."""
     values = value.values if isinstance(value, FromFile) else value
     if isinstance(values, np.ndarray) and values.size > _MOST_LISTED and values.dtype.kind in "fiu":
         return f"{values.min():g} .. {values.max():g} ({values.size:,} values)"

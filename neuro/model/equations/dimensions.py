@@ -181,7 +181,7 @@ class Dimensions:
         return powers
 
     def same(self, a: Powers, b: Powers) -> bool:
-        """Return whether two dimensions can be equal. If one has an unknown dimension, store the solution for it."""
+        """Return whether two dimensions can be equal. An unknown dimension in them is then solved for."""
         quotient = self.reduced(a.times(b, -1))
         if not quotient.unknown:
             return quotient.known == NONE
@@ -310,7 +310,7 @@ def refuse(errors: Iterable[ModelError]) -> None:
 
 
 def with_path(error: ModelError, path: tuple[str, ...]) -> ModelError:
-    """Return an error with a path of words put before its message and its path."""
+    """Return an error with a path of words before the message and the path of the error."""
     message = f"{'.'.join(path)}{', ' if isinstance(error, Misread) else ': '}{error.message}"
     return error.but(message=message, path=(*path, *error.path))
 

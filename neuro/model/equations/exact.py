@@ -149,7 +149,7 @@ def quiet_lines(definition: Definition, linear: System, constants: Constants, he
 
 
 def _charges(definition: Definition, linear: System, name: str, constants: Constants) -> list[tuple[str, str]] | None:
-    """Return the kernel states that drive a state, each with the total effect of one unit of it.
+    """Return the kernel states that drive a state, each with the total effect of one unit of the state.
 
     The result is None if another state drives the state too.
     """

@@ -1,8 +1,8 @@
 """Generation of the step of a neuron as text, for each integrator.
 
 The Runge-Kutta methods are the classical method of fourth order, and Fehlberg's method with step size control. Both are
-explained, with their sources, in `neuro.model.neurons.integrators`. This module generates code of its own for them,
-because the threshold is tested after each substep.
+explained, with their sources, in `neuro.model.neurons.integrators`. This module generates separate code for the
+methods, because the threshold is tested after each substep.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ HEAD = "step(s, c, x, i_0, lo, hi, fired)"
 
 @dataclass(frozen=True)
 class NeuronSteps:
-    """A neuron whose functions are generated: its definition, its linear system if it has one, and its constants."""
+    """A neuron whose functions are generated, with the linear system of its equations if they are linear."""
 
     definition: Definition
     linear: System | None
@@ -149,7 +149,7 @@ def fire_lines(neuron: NeuronSteps) -> list[str]:
 def _exact(neuron: NeuronSteps) -> list[str]:
     """Return the step with the solution of a linear system.
 
-    During refractoriness the states in `hold` are constant. A state that depends on one of them then has another
+    During refractoriness the states in `hold` are constant. A state that depends on a state in `hold` then has another
     solution, which is also computed.
     """
     linear = neuron.linear
@@ -413,7 +413,7 @@ def rkf45_lines(
 
 
 def _try(states: tuple[str, ...], call: Call, h: str, settings: Mapping[str, float]) -> list[str]:
-    """Return the lines of one attempt at a substep. They set `trying` if its error is too large."""
+    """Return the lines of one attempt at a substep. The lines set `trying` to whether the error is too large."""
     tolerance, by_slope = settings["tolerance"], settings["slope_tolerance"]
     lines = [f"last = size > {h} - t", f"now = {h} - t if last else size"]
     for stage in range(2, 7):

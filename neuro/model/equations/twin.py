@@ -194,7 +194,7 @@ MAX_PRODUCTS = 64
 class Product:
     """A number times powers of factors: 2*a/b has the number 2 and the powers {"a": 1, "b": -1}.
 
-    A factor is a name, or a subtree that is not a product. Its key is its text.
+    A factor is a name, or a subtree that is not a product. The key of a factor is the text of the factor.
     """
 
     number: float

@@ -272,8 +272,8 @@ def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
 def _group(path: Path, key: str) -> tuple[list[str], Clock | None] | None:
     """Return the names in a group, and the clock if there is a data set `steps`, as in files of results.
 
-    The result is None if there is no such group. It is also None if the file cannot be read, because the function that
-    reads the data reports this error.
+    The result is None if the key is not a group. The result is also None if the file cannot be read, because the
+    function that reads the data reports this error.
     """
     import h5py
 

@@ -143,20 +143,18 @@ class _Names:
         error = unknown("parameter", label, (f"{sign}{defined}" for defined in self.nodes))
         raise put_at(node, error if self.nodes else error.but(hint=f"add parameters: {{{name}: ...}}"))
 
-    def _value_at(self, value: Node, use: Node, depth: int) -> Node:
-        """Return a copy of a parameter's value with the position of the node `use`, where the name is used."""
+    def _value_at(self, value: Node, at: Node, depth: int) -> Node:
+        """Return a copy of a parameter's value with the position of the node `at`, where the name is used."""
         self.n_substituted += 1
         if self.n_substituted > MAX_SUBSTITUTED or depth > MAX_DEPTH:
             limit = f"{MAX_DEPTH} levels" if depth > MAX_DEPTH else f"{MAX_SUBSTITUTED} values"
-            raise ModelError(
-                f"parameters expand to more than {limit}: expected fewer", where=use.where, hint=use.source
-            )
+            raise ModelError(f"parameters expand to more than {limit}: expected fewer", where=at.where, hint=at.source)
         inner = value.value
         if isinstance(inner, list):
-            inner = [self._value_at(item, use, depth + 1) for item in inner]
+            inner = [self._value_at(item, at, depth + 1) for item in inner]
         elif isinstance(inner, dict):
-            inner = {word: self._value_at(item, use, depth + 1) for word, item in inner.items()}
-        return Node(inner, use.where, use.label, use.source)
+            inner = {word: self._value_at(item, at, depth + 1) for word, item in inner.items()}
+        return Node(inner, at.where, at.label, at.source)
 
 
 def as_node(value: Any, position: Node) -> Node:

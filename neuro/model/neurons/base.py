@@ -7,8 +7,8 @@ constants `c`.
 
     constants(p, h, c)                    fill `c` from the parameters `p` (in order of definition) for a step of h ms
     step(s, c, x, i_0, lo, hi, fired)     advance one step: `s` states, `x` input of the step, `i_0` current in pA;
-                                          set `fired[i]` to 1 if neuron i reaches its threshold, else to 0; a model
-                                          with `resets_in_step` sets it to the number of spikes in the step
+                                          set `fired[i]` to 1 if neuron i reaches its threshold, else to 0; with
+                                          `resets_in_step` set `fired[i]` to the number of spikes in the step
     fire(s, c, i)                         apply the effects of a spike to neuron i
     quiet(s, c, i_0, lo, hi)              return whether no neuron can fire before its next input
 
@@ -161,8 +161,9 @@ class Neuron(Model):
             be >= 0. At the second of two receptors `x[1]` then sums -w, as for negative weights without a name.
         filters: receptors that accept the current of a generator. The key is the receptor; the value has the state that
             filters the current, and the parameter with the time constant of this filter.
-        collects: two adjacent states, one for each of two receptors, or (). `step` adds the input to them, unscaled and
-            as its last operation, and `fire` does not change them. The event loop may then add the input itself.
+        collects: two adjacent states, one for each of two receptors, or (). The last operation of `step` is to add the
+            unscaled input to these states, and `fire` does not change the states. The event loop may then add the
+            input.
         weight_unit: unit of the weights of incoming synapses, or "".
         relay: whether a neuron repeats incoming spikes with their multiplicity. Weights then have no effect.
         linear: whether n steps of h without input can be computed at once, by `catch_up` or by one step of length n h.

@@ -16,7 +16,7 @@ FRACTION = 2**32 - 1
 
 
 def register(default: int, doc: str, low: int = -LARGEST, high: int = LARGEST) -> Any:
-    """Return a parameter for a register: a whole number from `low` to `high`, one for all neurons or one per neuron."""
+    """Return a parameter for a register: a whole number from `low` to `high`, for all neurons or per neuron."""
     return quantity(default, "", doc, whole=True, at_least=low, at_most=high, arrays=True)
 
 

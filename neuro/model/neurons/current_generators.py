@@ -103,8 +103,8 @@ class ac_generator(CurrentGenerator):
 class noise_generator(CurrentGenerator):
     """Gaussian white noise current, drawn every `dt` and constant in between. Source: NEST 3.10.
 
-    As in NEST, each connection has its own noise, so two targets of one generator neuron receive different currents.
-    With `individual_noise: false`, each generator neuron has one noise current, which all its targets share. A changed
+    As in NEST, each connection has separate noise, so two targets of a generator neuron receive different currents.
+    With `individual_noise: false`, a generator neuron sends the same noise current to all targets. A changed
     parameter takes effect at the next draw.
     """
 

@@ -136,10 +136,10 @@ class iaf_psc_exp(LeakyWithCurrents):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class cuba_lif(iaf_psc_exp):
-    """Like `iaf_psc_exp`, but input changes V_m in the step in which it arrives instead of one step later.
+    """Like `iaf_psc_exp`, but input changes V_m in the step of arrival instead of the next step.
 
     The currents are updated before V_m, as in the neurons of Norse, snnTorch and spikingjelly for NIR's type CubaLIF
-    and in Loihi's compartments. In all these tools a recurrent synapse thus has a delay of one step.
+    and in Loihi's compartments. A recurrent synapse thus has a delay of one step in all of these tools.
     Source: Pedersen et al., Nat. Commun. 15:8122, 2024; Davies et al., IEEE Micro 38:82, 2018.
     """
 

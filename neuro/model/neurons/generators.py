@@ -239,8 +239,8 @@ MEAN, AMPLITUDE, PER_STEP, PHASE = range(4)
 class sinusoidal_poisson_generator(Timed):
     """Generator of a Poisson number of spikes per step, at a sinusoidal rate. Negative rates count as 0.
 
-    In NEST each target receives a separate spike train unless `individual_spike_trains` is false. In neuro each neuron
-    has one spike train, so a neuron may have only one target while the parameter is true.
+    In NEST each target receives a separate spike train unless `individual_spike_trains` is false. In neuro all targets
+    of a neuron share a spike train, so a neuron may have only one target while the parameter is true.
     """
 
     equation: ClassVar[str] = (
@@ -315,7 +315,7 @@ class gamma_sup_generator(Timed):
         c[CHANCE], c[STAGES] = p[0] * p[1] * h / 1000.0, p[1]
 
     def emit(s, c, u, step, lo, hi, out):
-        """Move binomial numbers of processes to the next stage. One uniform number serves all stages of a neuron."""
+        """Move binomial numbers of processes to the next stage. All stages of a neuron use the same uniform number."""
         stages = int(c[STAGES])
         for i in range(lo, hi):
             u_left, n_arriving = u[i], 0

@@ -79,7 +79,7 @@ def send_change(s, i, y, vth, grain, cumulative):
 
 
 def stays_silent(s, i, y, vth, cumulative):
-    """Return whether neuron i sends nothing and keeps its state while its value is `y`."""
+    """Return whether neuron i sends nothing and keeps its state while the value is `y`."""
     residue = s[RESIDUE, i]
     return y == s[ACT, i] and abs(residue) < vth and (cumulative == 0.0 or residue == 0.0) and s[SENT, i] == 0.0
 
@@ -177,7 +177,7 @@ class delta_encoder(Encoding):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class sigma_delta(Encoding):
-    """Sigma-delta neuron. It sums its input, and sends the change of its activation once the change reaches vth.
+    """Sigma-delta neuron: a sum of all input, whose change is sent as soon as the change reaches vth.
 
     sigma is the sum of all input, so messages only need to carry differences. With `relu` y = max(sigma + bias, 0),
     otherwise y = sigma + bias. `vth` and `bias` are in units of 2^(spike_exp + state_exp). In lava: SigmaDelta, with

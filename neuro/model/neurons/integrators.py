@@ -12,7 +12,7 @@ integrators in `step`. A step of the grid is a time step of the network, of h ms
     is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, h, substeps)     # for `quiet`
 
 The size of the adaptive step is a hidden state of the neuron, row SIZE, and is kept from one step of the grid to the
-next as in NEST. The size 0 stands for a whole step of the grid. It is the initial and the most frequent value, so a
+next as in NEST. The size 0 stands for a whole step of the grid. This is the initial and the most frequent value, so a
 whole step is tried for all neurons in a vectorised loop without branches. The few neurons that need shorter steps
 are integrated afterwards.
 
@@ -128,7 +128,7 @@ def step_adaptively(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, siz
 def step_whole(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, unfinished):
     """Take a whole step of the grid for each neuron whose error is small enough.
 
-    For the other neurons set `unfinished[i]` to 1, and leave their states as they are. The arguments are those of
+    For the other neurons set `unfinished[i]` to 1, and do not change the states. The arguments are those of
     `step_adaptively`.
     """
     for i in range(lo, hi):

@@ -99,7 +99,7 @@ def check_sleep(model: type[Any], parameters: Mapping[str, float], h: float = 0.
     """Raise an error if steps of a neuron model without input must not be computed at once or skipped.
 
     Neurons in random states are tested. A neuron for which `quiet` is true must not fire within `SILENCE` steps of h.
-    If the model is `linear`, `catch_up` or one step of `SILENCE` h must lead to the same state as these steps. For
+    If the model is `linear`, `catch_up` or a single step of `SILENCE` h must lead to the same state as these steps. For
     other models these steps must not change the state.
 
     Args:

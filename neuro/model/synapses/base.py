@@ -19,11 +19,11 @@ A rule that changes delays (`delays`) has the delay in ms as its first state, `y
 of emission: a spike in the traces `pre` arrives `y[1]` ms later, and post spikes reach the synapse without delay.
 
 A rule for trials has a method `lessons`. The method returns a `Lesson` for each neuron that learns at the end of a
-trial. Such a rule has `constants` and
+trial. The rule also has `constants` and
 
     teach(w, since, lesson, c)                return the new weight of an input of a taught neuron. `since` is the
                                               time in ms from the arrival of the input's first spike to the time of
-                                              the lesson. It is negative for a later spike, and -inf without a spike.
+                                              the lesson: negative for a later spike, and -inf without a spike.
                                               With `spikes: each` the function is called for each spike of the input.
                                               Rules with `delays` get and return the delay in ms, not the weight
     settle(w, since, total, c)                return the new weight after `teach` was called for all inputs of the
@@ -299,8 +299,8 @@ DELAY = 1
 class DelayRule(Synapse):
     """Base of the rules that change delays within [d_min, d_max].
 
-    A delay in ms starts at the delay of the projection. When a spike is emitted, its delay is rounded to the
-    nearest number of steps, at least one. The spike keeps this number of steps even if the delay of the synapse changes
+    A delay in ms starts at the delay of the projection. At emission the delay is rounded to the nearest number
+    of steps, at least one. The spike keeps this number of steps even if the delay of the synapse changes
     before it arrives.
     """
 

@@ -51,8 +51,8 @@ class loihi_static(Synapse):
     to +-(2^21 - 64). A weight that is read back is the added amount / (64 2^weight_exp), without the dropped bits. The
     mantissa register keeps all bits.
 
-    Source: Michaelis et al., Front. Neuroinform. 16:1015624, 2022. They shift each weight and report a match with the
-    chip.
+    Source: Michaelis et al., Front. Neuroinform. 16:1015624, 2022. The paper shifts each weight and reports a match
+    with the chip.
     """
 
     equation: ClassVar[str] = "sends 64 floor(m 2^weight_exp)"
@@ -196,10 +196,10 @@ class loihi2_learning(RegisterLearning):
     The arithmetic is that of lava's "bit approximate" models.
 
     `dw` and `dt` have the same form as in `loihi_learning`. lava drops the low bits of products of more than 15 bits,
-    so these changes are smaller than their formula. Per step a trace is multiplied by exp(-1/tau) (0 at tau 0) and
-    rounded at random. In each epoch the traces of all sources use one random number, those of all targets a second one,
-    and all weights a third one. If a neuron spikes several times in an epoch, the last spike counts at its step, and
-    the earlier spikes count at the beginning of the epoch.
+    so the changes by long products are smaller than in the formula. Per step a trace is multiplied by exp(-1/tau) (0 at
+    tau 0) and rounded at random. Each epoch has three random numbers: for the traces of all sources, for the traces of
+    all targets, and for all weights. If a neuron spikes several times in an epoch, the last spike counts at its step,
+    and the earlier spikes count at the beginning of the epoch.
 
     With `graded` (lava's graded_spike_cfg) a payload p increases x1 by p / 2, rounded to the nearest even number for
     ties, mod 256. `overwrite` sets x1,

@@ -92,8 +92,8 @@ class WeightDependent(Synapse):
 class stdp(WeightDependent):
     """STDP of all pairs of spikes, between additive (mu = 0) and multiplicative (mu = 1).
 
-    The additive rule has mu_plus = mu_minus = 0, the rule with soft bounds has 1 for both, that of van Rossum has
-    mu_plus = 0 and mu_minus = 1, and that of Guetig has values between 0 and 1.
+    The additive rule has mu_plus = mu_minus = 0, the rule with soft bounds has 1 for both, van Rossum's rule has
+    mu_plus = 0 and mu_minus = 1, and Guetig's rule has values between 0 and 1.
     The weight changes at pre spikes. A negative Wmax makes the synapse inhibitory.
     Source: NEST 3.10, `stdp_synapse`; Guetig et al., J. Neurosci. 23:3697, 2003; van Rossum, Bi & Turrigiano,
     J. Neurosci. 20:8812, 2000; Morrison, Diesmann & Gerstner, Biol. Cybern. 98:459, 2008.
@@ -412,9 +412,9 @@ class stddp(DelayRule):
 
     The delay of a synapse increases if a pre spike arrives before a post spike, and decreases if it arrives after. A
     post spike pairs with the last pre spike emitted before it, and a pre spike pairs with the last post spike. The
-    window is A dt exp(-|dt|/tau) or, with `by_step`, one step of the network up to |dt| = tau. Source: Wang et al.,
-    2014, in Mosca, MSc thesis, 2020, fig. 32. The figure gives the direction of a change; the windows are choices of
-    this project.
+    window is A dt exp(-|dt|/tau) or, with `by_step`, one step of the network up to |dt| = tau.
+    Source: Wang et al., 2014, in Mosca, MSc thesis, 2020, fig. 32. The figure gives the direction of a change; the
+    windows are choices of this project.
     """
 
     equation: ClassVar[str] = "d += A dt exp(-|dt|/tau), or a step, dt = t_post - (t_pre + d)"

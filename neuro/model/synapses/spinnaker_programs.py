@@ -25,7 +25,8 @@ class spinnaker_learning(Modulated):
     is given as a share of the distance to a bound. A negative Wmax makes the synapse inhibitory; the chip stores
     magnitudes. A spike of `dopamine` adds `concentration` to n of a neuron, and a negative concentration punishes.
     Targets are `iaf_psc_exp`, `iaf_psc_delta` or `spinnaker_lif`; the weights of the last are 16-bit words. Only the
-    timing "recurrent" uses the accumulators and windows. Source: sPyNNaker 7.4.1 (released machine code).
+    timing "recurrent" uses the accumulators and windows.
+    Source: sPyNNaker 7.4.1 (released machine code).
     """
 
     equation: ClassVar[str] = "each packet of the source applies the program to the post spikes since the last packet"

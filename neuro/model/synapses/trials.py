@@ -177,8 +177,8 @@ class normalised_stdp(first_spike_stdp):
     """Unsupervised STDP with normalisation of the weights of the neuron that decided, at the end of a trial.
 
     A weight changes by A_plus (1 - w) if the input arrived before or at the decision, and by A_minus w otherwise,
-    relative to [Wmin, Wmax]. Then all weights of the neuron are multiplied by one factor, so that their sum is `total`,
-    and clipped. The rule needs no labels: `neuro.assign_labels` assigns a label to each neuron after learning.
+    relative to [Wmin, Wmax]. Then all weights of the neuron are scaled to the sum `total`, and clipped. The rule needs
+    no labels: `neuro.assign_labels` assigns a label to each neuron after learning.
 
     Source: Rubin et al., Phys. Rev. Lett. 86:364, 2001, for the bounds, which slow down changes towards them; Diehl &
     Cook, Front. Comput. Neurosci. 9:99, 2015, for the sum of the weights; their sum for 784 inputs is the default. The

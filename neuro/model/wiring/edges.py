@@ -193,7 +193,7 @@ class _Reader:
         return sign
 
     def _sign_of_sources(self) -> Floats:
-        """Return the sign of each source neuron, shape (sources,). It is NaN if the transmitter has no sign."""
+        """Return the sign of each source neuron, shape (sources,), NaN for a transmitter without a sign."""
         if not isinstance(self.source, Neurons):
             message = "from_file.dale: the source has no table of neurons: expected one with a column of transmitters"
             raise ModelError(message, hint="neurons=neuro.neuron_table(file, id=...)", path=("dale",))

@@ -184,7 +184,7 @@ class CsvTable:
             first += batch.num_rows
 
     def _locate_error(self, error: Exception, kinds: Mapping[str, str]) -> ModelError:
-        """Return Arrow's error with row and column. Arrow reports both only when it reads with one thread."""
+        """Return Arrow's error with row and column. Arrow reports them only if a single thread reads the file."""
         try:
             for _ in self._pieces(kinds, False):
                 pass
@@ -270,7 +270,7 @@ class ParquetTable:
 class CsvMatrix:
     """A CSV file with the ids of the targets in the first line.
 
-    Each later line has the id of a source and its weights onto these targets.
+    Each later line has the id of a source, and a weight for each target.
     """
 
     places, first, names = None, 2, MATRIX

@@ -86,9 +86,7 @@ class Types:
         """Return the attribute of each type, as numbers if possible, and a boolean per type, true if it has a value."""
         has_value = np.array([cell not in (NULL, "") for cell in cells], dtype=bool)
         try:
-            numbers = np.array(
-                [float(cell) if exists else math.nan for cell, exists in zip(cells, has_value, strict=True)]
-            )
+            numbers = np.array([float(cell) if has else math.nan for cell, has in zip(cells, has_value, strict=True)])
         except ValueError:
             words = tuple(dict.fromkeys(cells))
             return Texts(np.array([words.index(cell) for cell in cells], dtype=np.int64), words), has_value
@@ -295,7 +293,7 @@ class SonataTable:
     def _members(
         self, begin: int, end: int, group: NDArray[Any] | None, place: NDArray[Any] | None
     ) -> Iterator[tuple[str, Places, Places]]:
-        """Yield for each group its name, the indices of its rows from `begin` on, and their indices in the group."""
+        """Yield for each group the name, and the indices of its rows, counted from `begin` and in the group."""
         if group is not None and self._groups:
             is_known = np.logical_or.reduce([group == int(name) for name in self._groups])
             if not is_known.all():

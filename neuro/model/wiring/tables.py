@@ -195,7 +195,7 @@ class Condition:
                 raise self._expression.mistake(tree.at, f"found the unit '{unit}': expected a number without one")
 
     def holds(self, columns: Mapping[str, Any]) -> NDArray[np.bool_]:
-        """Return a boolean per row, true where the condition holds. It is false for undefined values such as 0 / 0."""
+        """Return a boolean per row, true where the condition holds. Undefined values such as 0 / 0 give false."""
         tree = self._expression.tree
         assert isinstance(tree, Binary)
         with np.errstate(all="ignore"):
