@@ -74,8 +74,8 @@ class Model(Choice):
         equation: the dynamics in one line, for readers.
         source: the paper or simulator that defines the model.
         chip: the chip with the parameters as registers; "" for a model of all backends.
-        role: the way in which backends run the model: "neuron" (stepped), "poisson", "listed" and "current" (generators
-            of this package), or "generator" (any other).
+        role: the way in which backends run the model: "neuron" (stepped), "poisson", "listed", "encoded", "streamed"
+            and "current" (generators of this package), or "generator" (any other generator).
         width: the length of `c`. A model may have at most this number of parameters, including `tau_minus`.
         fixed: parameters that cannot be set while the network runs.
         graded: whether a spike carries a whole number, its payload, instead of a multiplicity. The payload of a neuron

@@ -1,7 +1,7 @@
 """Built-in models of populations. Each import line registers a model and makes its name available in `neuro`.
 
 The registry reads these lines, and imports the module of a model when the model is first used. Lists for users follow
-the order of these lines: generators, neurons, then neurons whose parameters are registers of a chip.
+the order of these lines: generators, neurons, and last the neurons in the registers of a chip.
 """
 
 from neuro.model.neurons.current_generators import (
