@@ -42,9 +42,8 @@ def save(net: Description, path: str | Path, anywhere: bool = False) -> None:
     Args:
         net: the network.
         path: a name ending in `.yaml` or `.yml`.
-        anywhere: whether the network may play recordings that are in other folders or in memory. Such a file can only
-        be
-            loaded where these recordings are found.
+        anywhere: whether the network may play recordings that are in other folders or in memory. Such a file can
+            only be loaded where these recordings are found.
 
     Raises:
         ModelError: the file cannot be written, or the HDF5 file exists and holds something else.

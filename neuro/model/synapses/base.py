@@ -299,9 +299,9 @@ DELAY = 1
 class DelayRule(Synapse):
     """Base of the rules that change delays within [d_min, d_max].
 
-    A delay in ms starts at the delay of the projection. At emission the delay is rounded to the nearest number
-    of steps, at least one. The spike keeps this number of steps even if the delay of the synapse changes
-    before it arrives.
+    A delay in ms starts at the delay of the projection. At the emission of a spike the delay is rounded to the nearest
+    number of steps, at least one. The spike keeps this number of steps, even if the delay of the synapse changes before
+    the arrival.
     """
 
     delays: ClassVar[bool] = True

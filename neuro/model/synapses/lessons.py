@@ -55,9 +55,8 @@ class TrialEnd:
         best: the neuron with this V_m in each map, shape (maps,).
         peak: for rules with `peaks`, the largest V_m of each neuron of the output up to the decision, shape (neurons,).
             It is infinite for the neuron that decided.
-        peak_tick: for rules with `peaks`, the first tick with this V_m, shape (neurons,). For the neuron that decided,
-        the tick of
-            its decision.
+        peak_tick: for rules with `peaks`, the first tick with this V_m, shape (neurons,). For the neuron that
+            decided, the tick of its decision.
     """
 
     winner: int

@@ -71,9 +71,8 @@ class loihi2_static(Synapse):
     m is the weight and p the payload.
     The sign mode `mixed` has m from -256 to 255, `excitatory` 0 to 255, `inhibitory` -255 to 0. Weights out of range
     are clipped. The lowest 8 - num_weight_bits bits are dropped, in mixed mode one more. Weights are thus rounded down,
-    and in inhibitory mode towards 0. A
-    negative weight_exp rounds down the sum of all spikes of a step and delay, instead of each weight as on Loihi 1. In
-    lava: Dense, Sparse, DelayDense, DelaySparse.
+    and in inhibitory mode towards 0. A negative weight_exp rounds down the sum of all spikes of a step and delay; on
+    Loihi 1 each weight is rounded. In lava: Dense, Sparse, DelayDense, DelaySparse.
     """
 
     equation: ClassVar[str] = "adds 2^weight_exp sum m p, rounded down"
@@ -161,10 +160,9 @@ class loihi_learning(RegisterLearning):
     """Synapse whose mantissa changes by `dw` and whose tag changes by `dt`, sums of products, at the end of each epoch.
 
     A product consists of whole numbers, powers 2^n and factors joined by "*": x0 and y0 (a pre or post spike in this
-    epoch), x1, x2, y1, y2, y3 (traces), w (weight), t (tag), (factor + constant), u_k (1 in every 2^k-th
-    epoch). A spike increases a
-    trace by its impulse, up to 127. Per step a trace is multiplied by 1 - 1/tau (with `trace_decay: exponential` by
-    exp(-1/tau)).
+    epoch), x1, x2, y1, y2, y3 (traces), w (weight), t (tag), (factor + constant), u_k (1 in every 2^k-th epoch). A
+    spike increases a trace by its impulse, up to 127. Per step a trace is multiplied by 1 - 1/tau (with `trace_decay:
+    exponential` by exp(-1/tau)).
 
     Source: Davies et al., IEEE Micro 38(1):82, 2018; Michaelis et al., Front. Neuroinform. 16:1015624, 2022.
     """
@@ -201,12 +199,11 @@ class loihi2_learning(RegisterLearning):
     all targets, and for all weights. If a neuron spikes several times in an epoch, the last spike counts at its step,
     and the earlier spikes count at the beginning of the epoch.
 
-    With `graded` (lava's graded_spike_cfg) a payload p increases x1 by p / 2, rounded to the nearest even number for
-    ties, mod 256. `overwrite` sets x1,
-    `add_with_saturation` adds up to 127, and `add_without_saturation` adds and keeps the excess above 127; only an
-    excess then counts as a spike, which increases x2. Random numbers depend on the network's seed; with `rng_seed` they
-    are lava's own. In lava: LearningDense with Loihi2FLearningRule. Source: lava 0.10,
-    magma/core/model/py/connection.py.
+    With `graded` (lava's graded_spike_cfg) a payload p changes x1 by q = p/2, rounded (ties to even) and mod 256.
+    `overwrite` sets x1 to q, `add_with_saturation` adds q up to 127, and `add_without_saturation` adds q and keeps the
+    excess above 127; only an excess then counts as a spike, which increases x2. Random numbers depend on the network's
+    seed; `rng_seed` selects the random numbers of lava instead.
+    In lava: LearningDense with Loihi2FLearningRule. Source: lava 0.10, magma/core/model/py/connection.py.
     """
 
     equation: ClassVar[str] = "w += sum of products dw; t += sum of products dt; adds 2^weight_exp sum w p"
@@ -271,7 +268,7 @@ class LoihiEngine:
         h: length of a step in ms.
         tau_minus: time constant of the target's K- in ms.
         mantissa: weight of the mantissa 1, in the unit of the weight.
-        n: change of the modulator n for one unit of r1 or r2. r1 has the positive part of n, r2 the negative part.
+        n: value of the modulator n for one unit of r1 or r2. r1 has the positive part of n, r2 the negative part.
         modulatory: traces r1 and r2 of a rule with a modulator.
     """
 

@@ -214,8 +214,8 @@ class hedonistic(Modulated):
     A release adds 1 - p to the eligibility c, and the synapse is refractory until it recovers, at the rate 1/tau_r. A
     failure to release subtracts p from c. Each pre spike then adds Delta_z to the calcium z. A signal sets the reward
     n, and q changes by eta (n - b) c, where b is the baseline of the reward. The weight does not change, so `sim.save`
-    stores what the synapse learns and `sim.network` does not. A parrot_neuron also repeats failures, because
-    spikes of weight 0 are repeated too.
+    stores what the synapse learns and `sim.network` does not. A parrot_neuron also repeats failures, because spikes of
+    weight 0 are repeated too.
     Source: Seung, Neuron 40:1063, 2003.
     """
 

@@ -159,8 +159,8 @@ class stdp_nn_pre_centered(WeightDependent):
 class stdp_nn_restr(WeightDependent):
     """STDP in which each spike pairs only with its immediate neighbour of the other side.
 
-    If several post spikes lie between two pre spikes, the first of them potentiates. The last of them counts when the
-    second pre spike depresses.
+    If several post spikes lie between two pre spikes, the first post spike potentiates. The second pre spike depresses
+    by the last post spike.
     NEST behaves as if a pre spike had arrived at time 0. `pre_at_start` does the same.
     Source: NEST 3.10, `stdp_nn_restr_synapse`; Morrison, Diesmann & Gerstner, Biol. Cybern. 98:459, 2008, fig. 7C.
     """
