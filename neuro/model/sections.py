@@ -83,7 +83,7 @@ class Trials(Choice):
     spikes: str = quantity(
         "once",
         "",
-        "spikes of an input that teach: its only one (a second is an error), the first, or each in order",
+        "spikes of an input that teach: the only spike (a second spike is an error), the first, or each in order",
         kind="word",
         words=("once", "first", "each"),
     )

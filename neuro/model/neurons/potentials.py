@@ -90,7 +90,7 @@ class iaf_psc_delta(Leaky):
     threshold_rises: bool = quantity(
         False,
         "",
-        "whether the threshold is higher by V_th - V_reset while V_m is at V_th or above after a reset by subtraction",
+        "whether the threshold of a step is V_th + (V_th - V_reset) if V_m is at V_th or above before the step",
         kind="boolean",
     )
 
