@@ -67,9 +67,7 @@ class local_winners(Competition):
     noun: ClassVar[str] = "competition"
     several: ClassVar[bool] = True
     radius: int = quantity(doc="silenced rows and columns on each side of a winner", kind="integer", at_least=0)
-    per_map: int | None = quantity(
-        None, "", "largest number of wins per map; no limit if not given", kind="integer", at_least=1
-    )
+    per_map: int | None = quantity(None, "", "allowed wins per map; no limit if not given", kind="integer", at_least=1)
 
     def misfit(self, shape: tuple[int, ...]) -> str:
         """Return the error message unless the shape has three axes."""
