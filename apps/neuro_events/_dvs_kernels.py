@@ -1,10 +1,11 @@
 # mypy: ignore-errors
 """Compiled loops of `neuro_events.dvs`.
 
-Times are float64, us since the first image. While the log intensity of a pixel changes linearly with slope s, its
-low-passed log intensity lags behind by lag(u) = (lag + s/r) exp(-ru) - s/r, where u is the time since the start and r
-the bandwidth in 1/us. The pixel therefore sees the change v(u) = v + a u + q (exp(-ru) - 1), with a = s + leak and
-q = lag + s/r (0 without a limit of the bandwidth).
+Times are float64, us since the first image. While the log intensity of a pixel changes linearly with slope s, the
+low-passed log intensity minus the true one is lag(u) = (lag + s/r) exp(-ru) - s/r. Here u is the time since the start
+of the change, lag is the difference at u = 0, and r is the bandwidth in 1/us. The pixel compares its thresholds with
+v(u) = v + a u + q (exp(-ru) - 1), where v is the change up to u = 0 since the last event, a = s + leak, and q = lag +
+s/r (q = 0 without a limit of the bandwidth).
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ spite of rounding. v2e rounds its log intensities to 1e-8 for this purpose."""
 PIXEL = np.dtype(
     [
         ("leak", "f8"),  # log units per us
-        ("bright", "f8"),  # intensity of the last image in which the pixel changed, v2e's inten01
+        ("bright", "f8"),  # (intensity + 20) / 275 of 0 to 255, in the last image that changed the pixel; v2e's inten01
         ("since", "f8"),  # time to which change and lag refer
         ("lag", "f8"),  # low-passed minus true log intensity
         ("listen", "f8"),  # end of the refractory period
@@ -37,11 +38,11 @@ PIXEL = np.dtype(
 """State of a pixel, except its levels."""
 ON, OFF, LOG, CHANGE = range(4)
 """Columns of the levels of all pixels, log units: the thresholds, the log intensity of the last image in which the
-pixel changed, and the change since the last event. An array of their own speeds up pixels that stay below their
-thresholds, which need nothing else."""
+pixel changed, and the change since the last event. The levels are an array apart from the state, because pixels that
+stay below their thresholds need only the levels, and a smaller array is faster."""
 FIXED = np.dtype([("cutoff", "f8"), ("blind", "f8"), ("wait", "f8"), ("dimmed", "f8"), ("seed", "i8")])
 """Parameters of all pixels: cutoff at full scale, 1/us, or 0; refractory period, us; mean time between noise candidates
-in the dark, us; share of them that is dropped at full scale; seed."""
+in the dark, us; share of the candidates that is dropped at full scale; seed."""
 
 
 class Pixels(NamedTuple):
@@ -57,7 +58,7 @@ class Pixels(NamedTuple):
         changed: (m,) int64, output of `look`: the number of changed pixels in each of these blocks.
         index: (n,) int64, output of `pick`: the pixels to process.
         logs: (n,) float64, output of `pick`: their log intensities, NaN if unchanged.
-        bright: (n,) float64, output of `pick`: their inten01.
+        bright: (n,) float64, output of `pick`: their `bright` in the new image, see `PIXEL`.
     """
 
     fixed: Any
@@ -94,7 +95,7 @@ class Curve(NamedTuple):
 
 @subkernel
 def draw(seed, pixel, number):
-    """Return a pixel's random word with a number, as a function of seed, pixel and number only."""
+    """Return the random word with a number of a pixel. The word depends only on the seed, the pixel and the number."""
     key = draws.mix(np.uint64(seed) + np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15))
     return draws.mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
 
@@ -106,15 +107,15 @@ def unit(word):
 
 
 @subkernel
-def next_noise(state, i, all_):
+def next_noise(state, i, fixed):
     """Draw the time of the next noise candidate. The lowest bit of the word is its polarity."""
     state.drawn += 1
-    state.noise -= all_.wait * log(unit(draw(all_.seed, i, state.drawn)))
+    state.noise -= fixed.wait * log(unit(draw(fixed.seed, i, state.drawn)))
 
 
 @subkernel
 def lag_change(q, r, u):
-    """Return the change of the lag, and thus of v, after time u with a limited bandwidth."""
+    """Return the change of the lag after time u, which also changes v. It is 0 without a limit of the bandwidth."""
     return q * expm1(-r * u) if q != 0.0 else 0.0
 
 
@@ -128,7 +129,8 @@ def value(v, a, q, r, u):
 def root(v, a, q, r, target, lower, upper):
     """Return the time in [lower, upper] at which v(u) reaches the target, for monotone v(u).
 
-    v(u) is convex or concave, so Newton's method does not overshoot if it starts on the outer side of the bend.
+    v(u) is convex for q > 0 and concave for q < 0. Newton's method does not overshoot if it starts at the end of the
+    interval at which v(u) - target has the sign of q.
     """
     u = upper if (value(v, a, q, r, upper) - target) * q > 0.0 else lower
     for _ in range(60):
@@ -168,15 +170,15 @@ def crossing(v, a, q, r, on, off, span):
 
 
 @subkernel
-def bandwidth(state, all_):
+def bandwidth(state, fixed):
     """Return the bandwidth of a pixel, 1/us, in proportion to its intensity."""
-    return all_.cutoff * state.bright
+    return fixed.cutoff * state.bright
 
 
 @subkernel
-def due_time(state, levels, i, all_):
+def due_time(state, levels, i, fixed):
     """Return a lower bound of the time of a pixel's next event or noise candidate with constant light."""
-    r = bandwidth(state, all_)
+    r = bandwidth(state, fixed)
     wait = max(state.listen - state.since, 0.0)
     q = state.lag + lag_change(state.lag, r, wait)
     on_level, off_level, change = levels[i, ON], levels[i, OFF], levels[i, CHANGE]
@@ -192,14 +194,14 @@ def due_time(state, levels, i, all_):
 
 
 @subkernel
-def run(state, levels, i, s, end, all_, origin, earliest, n, out):
+def run(state, levels, i, s, end, fixed, origin, earliest, n, out):
     """Simulate a pixel whose log intensity changes with slope s until `end`.
 
     Returns:
         The number of events written, and False if the output arrays were full before `end`.
     """
     out_t, out_pixel, out_p = out
-    r = bandwidth(state, all_)
+    r = bandwidth(state, fixed)
     start = state.since
     span = end - start
     u = 0.0
@@ -217,14 +219,14 @@ def run(state, levels, i, s, end, all_, origin, earliest, n, out):
         delay, p = crossing(levels[i, CHANGE], a, q, r, levels[i, ON], levels[i, OFF], span - u)
         due_time = min(u + delay, span) if delay < inf else inf
         while state.noise - start <= u:
-            next_noise(state, i, all_)
+            next_noise(state, i, fixed)
         while state.noise - start < due_time and state.noise <= end:
-            word = draw(all_.seed, i, state.drawn)
-            if unit(draws.mix(word)) >= all_.dimmed * min(state.bright, 1.0):
+            word = draw(fixed.seed, i, state.drawn)
+            if unit(draws.mix(word)) >= fixed.dimmed * min(state.bright, 1.0):
                 due_time = state.noise - start
                 p = int(word & np.uint64(1))
                 break
-            next_noise(state, i, all_)
+            next_noise(state, i, fixed)
         if due_time == inf:
             change = lag_change(q, r, span - u)
             levels[i, CHANGE] += a * (span - u) + change
@@ -240,7 +242,7 @@ def run(state, levels, i, s, end, all_, origin, earliest, n, out):
         state.lag += lag_change(q, r, due_time - u)
         levels[i, CHANGE] = 0.0
         u = due_time
-        blind = due_time + all_.blind
+        blind = due_time + fixed.blind
         state.listen = start + blind
     state.since = end
     return n, True
@@ -251,10 +253,10 @@ def advance(k, count, t0, t1, origin, pixels, out):
     """Simulate the pixels from `pick` from t0 to t1, with a linear change of their log intensity.
 
     Returns:
-        The number of events written, and the pixel to continue with. A pixel below `count` means that the output arrays
-        are full: call again with new arrays.
+        The number of events written, and the place in `index` to continue from. A place below `count` means that the
+        output arrays are full: call again with new arrays.
     """
-    all_, levels, due = pixels.fixed[0], pixels.levels, pixels.due
+    fixed, levels, due = pixels.fixed[0], pixels.levels, pixels.due
     index, logs, bright = pixels.index, pixels.logs, pixels.bright
     n = 0
     earliest = int(t0)
@@ -264,13 +266,13 @@ def advance(k, count, t0, t1, origin, pixels, out):
         s = 0.0
         if not isnan(logs[j]):
             if state.since < t0:
-                n, is_finished = run(state, levels, i, 0.0, t0, all_, origin, earliest, n, out)
+                n, is_finished = run(state, levels, i, 0.0, t0, fixed, origin, earliest, n, out)
                 if not is_finished:
                     return n, j
             s = (logs[j] - levels[i, LOG]) / (t1 - t0)
             state.bright = bright[j]
             end = levels[i, CHANGE] + (s + state.leak) * (t1 - t0)
-            quiet = all_.cutoff == 0.0 and state.listen <= t0 and state.noise > t1
+            quiet = fixed.cutoff == 0.0 and state.listen <= t0 and state.noise > t1
             if quiet and TIE - levels[i, OFF] < end < levels[i, ON] - TIE:
                 levels[i, CHANGE] = end
                 state.since = t1
@@ -278,28 +280,28 @@ def advance(k, count, t0, t1, origin, pixels, out):
                 crossing = t1 + (levels[i, ON] - end) / state.leak if state.leak > 0.0 else inf
                 due[i] = min(crossing, state.noise)
                 continue
-        n, is_finished = run(state, levels, i, s, t1, all_, origin, earliest, n, out)
+        n, is_finished = run(state, levels, i, s, t1, fixed, origin, earliest, n, out)
         if not is_finished:
             return n, j
         if not isnan(logs[j]):
             levels[i, LOG] = logs[j]
-        due[i] = due_time(state, levels, i, all_)
+        due[i] = due_time(state, levels, i, fixed)
     return n, count
 
 
 @kernel
 def begin(pixels):
     """Initialise the pixels with the first image, at time 0."""
-    all_, levels = pixels.fixed[0], pixels.levels
+    fixed, levels = pixels.fixed[0], pixels.levels
     for i in range(pixels.due.size):
         state = pixels.state[i]
         levels[i, LOG] = pixels.logs[i]
         state.bright = pixels.bright[i]
-        if all_.wait < inf:
-            next_noise(state, i, all_)
+        if fixed.wait < inf:
+            next_noise(state, i, fixed)
         else:
             state.noise = inf
-        pixels.due[i] = due_time(state, levels, i, all_)
+        pixels.due[i] = due_time(state, levels, i, fixed)
 
 
 @kernel
@@ -342,7 +344,7 @@ def differing(new, old, low, high):
 
 @subkernel
 def outside(low, high, width, box):
-    """Return whether pixels low to high - 1 are one row's and outside a box's columns. The caller checks the rows."""
+    """Return whether pixels low to high - 1 lie in one row and outside a box's columns. Rows are not checked."""
     row = low // width
     return high <= (row + 1) * width and (high - row * width <= box[0] or low - row * width >= box[2])
 
@@ -359,7 +361,7 @@ def possible(new, scale, low, high):
 
 @subkernel
 def update_silent_block(logs, low, high, levels):
-    """Update a block of pixels without leak and noise if no pixel has an event. Return False, unchanged, otherwise."""
+    """Update a block of pixels without leak and noise, and return True. If a pixel has an event, only return False."""
     has_event = 0
     start = np.uint64(low)
     for i in range(np.uint64(high - low)):
@@ -375,7 +377,7 @@ def update_silent_block(logs, low, high, levels):
 
 @kernel
 def look(new, old, first, box, width, scale, t1, pixels):
-    """Find the blocks with pixels that changed or are due until t1, and check their intensities.
+    """Find the blocks with pixels that changed or are due up to t1, and check the intensities of these blocks.
 
     Args:
         new: the image, flat.

@@ -20,8 +20,7 @@ T_MAX = (1 << 63) - 1
 
 
 Columns = tuple[npt.NDArray[np.int64], npt.NDArray[np.uint16], npt.NDArray[np.uint16], npt.NDArray[np.uint8]]
-"""Times, columns, rows and polarities of events. A plain tuple, because numba unpacks one in a quarter of the time that
-a named tuple takes."""
+"""Times, columns, rows and polarities of events. Numba unpacks this plain tuple four times as fast as a named tuple."""
 
 
 def empty_columns(n: int) -> Columns:
@@ -69,16 +68,16 @@ def first_fault(
     width, height = sensor_size
     faults: list[tuple[int, str]] = []
     for name, values, limit in (("x", x, width - 1), ("y", y, height - 1), ("p", p, 1)):
-        is_off = (values < 0) | (values > limit)
-        if is_off.any():
-            k = int(is_off.argmax())
+        is_outside = (values < 0) | (values > limit)
+        if is_outside.any():
+            k = int(is_outside.argmax())
             faults.append((k, f"{name} is {values[k]}, expected 0 to {limit} (sensor {width}x{height})"))
     if t.dtype == np.uint64 and (is_late := t > np.uint64(T_MAX)).any():
         k = int(is_late.argmax())
         faults.append((k, f"t is {t[k]}, expected at most {T_MAX} us"))
-    is_back = t[1:] < t[:-1]
-    if is_back.any():
-        k = int(is_back.argmax()) + 1
+    runs_back = t[1:] < t[:-1]
+    if runs_back.any():
+        k = int(runs_back.argmax()) + 1
         faults.append((k, f"time runs back from {t[k - 1]} to {t[k]} us"))
     return min(faults, default=None, key=lambda fault: fault[0])
 
@@ -109,7 +108,7 @@ class Events:
         y: (n,) uint16, row, px, 0 at the top.
         p: (n,) uint8, 1 = ON (brighter), 0 = OFF (darker).
         sensor_size: width and height, px.
-        metadata: further properties of the recording that the source states.
+        metadata: other properties that the source of the recording states, by name.
 
     Raises:
         ValueError: lengths differ, values are not integers, or an event is impossible. The message names the first
@@ -202,7 +201,7 @@ class Events:
         return Events(array["t"], array["x"], array["y"], array["p"], self.sensor_size, self.metadata)
 
     def __radd__(self, other: Any) -> Events:
-        """Return `array + events`, or these events for the 0 with which `sum` begins."""
+        """Return `array + events`. The function `sum` begins with 0 + events, which returns the events."""
         if isinstance(other, np.ndarray):
             return self._of_records(other) + self
         return self if type(other) is int and other == 0 else NotImplemented

@@ -21,7 +21,8 @@ def compact(keep, values, out):
     Args:
         keep: (n,) bool.
         values: (n,).
-        out: at least one longer than the number of selected values, since every value is written before it is skipped.
+        out: output with at least one place more than there are selected values, because values that are not selected
+            are written as well and then overwritten.
     """
     j = 0
     for k in range(keep.shape[0]):
@@ -31,13 +32,13 @@ def compact(keep, values, out):
 
 @kernel
 def supported(t, x, y, dt_us, last, keep):
-    """Keep events with an event in a neighbouring pixel at most `dt_us` before.
+    """Keep events if a neighbouring pixel had an event at most `dt_us` before.
 
     Args:
         t: (n,) int64, us.
         x: (n,) uint16, columns.
         y: (n,) uint16, rows.
-        dt_us: longest time since that event, us.
+        dt_us: longest time since the neighbour's event, us.
         last: (height + 2, width + 2) int64, time of each pixel's last event, us, with a margin of one pixel.
         keep: (n,) bool, output.
     """
@@ -52,14 +53,14 @@ def supported(t, x, y, dt_us, last, keep):
 
 @kernel
 def rested(t, x, y, period_us, extend, last, keep):
-    """Keep events at least `period_us` after the last one of the pixel that passed (with `extend`: of any).
+    """Keep an event if the last event of its pixel that passed is at least `period_us` earlier.
 
     Args:
         t: (n,) int64, us.
         x: (n,) uint16, columns.
         y: (n,) uint16, rows.
         period_us: refractory period, us.
-        extend: restart the period at dropped events too.
+        extend: restart the period at dropped events too, so that the pixel's last event counts, passed or not.
         last: (height, width) int64, start of the pixel's refractory period, us.
         keep: (n,) bool, output.
     """
@@ -87,8 +88,8 @@ def look_up(x, y, good, keep):
 def tar(t, x, y, tau_us, theta, radius, mask, last_update, keep):
     """Keep events in temporal active regions; see `filters.TAR`.
 
-    Neighbours were mostly last updated at the same event, so the decay factor of the pixel before is reused if
-    possible. Times are subtracted as uint64, which cannot overflow for any pair of int64 times.
+    Most pixels of a neighbourhood were last updated by the same event, so the decay factor of the pixel before is
+    reused if possible. Times are subtracted as uint64, which cannot overflow for any pair of int64 times.
 
     Args:
         t: (n,) int64, us.
@@ -248,8 +249,8 @@ def by_digit(t, lowest, shift, order, counts, out):
 
 
 BIN_US = 1024
-"""Length of the bins, us, in each of which the Poisson process restarts. A restart changes nothing, because the process
-has no memory, and makes the noise of a bin independent of the bins before."""
+"""Length of a bin, us. The Poisson process restarts in each bin, so that the noise of a bin does not depend on the bins
+before. A restart does not change the statistics, because the process has no memory."""
 
 
 @kernel
@@ -262,9 +263,9 @@ def sprinkle(first, last, key, mean_us, pixels, out_t, out_pixel, out_p):
         key: uint64 of the random stream.
         mean_us: mean time between noise events of the whole sensor, us.
         pixels: number of pixels of the sensor.
-        out_t: output, times, us.
-        out_pixel: output, pixel numbers, row by row.
-        out_p: output, polarities.
+        out_t: (capacity,) int64, output: times, us.
+        out_pixel: (capacity,) int64, output: pixel numbers, row by row.
+        out_p: (capacity,) uint8, output: polarities.
 
     Returns:
         The number of events written.
@@ -342,12 +343,12 @@ def spread(t, x, y, p, start, stop, separate, signed, timed, out):
     """Distribute events over the two nearest time bins.
 
     Args:
-        t: (n,) int64.
+        t: (n,) int64, us.
         x: (n,) uint16.
         y: (n,) uint16.
         p: (n,) uint8.
-        start: time of the first bin.
-        stop: time of the last bin, >= start.
+        start: time of the first bin, us.
+        stop: time of the last bin, us, at least `start`.
         separate: make polarity an axis.
         signed: count OFF events as -1.
         timed: weight events by their time, from 0 to 1.
@@ -413,15 +414,15 @@ def leak(t, x, y, p, previous, options, values, value, since):
     """Add events to leaky pixels.
 
     Args:
-        t: (n,) int64.
+        t: (n,) int64, us.
         x: (n,) uint16.
         y: (n,) uint16.
         p: (n,) uint8.
-        previous: time of the event before the first.
-        options: make polarity an axis, decay linearly, and increment before the decay.
-        values: tau and increment.
-        value: (1 or 2, height, width) float64 of the pixels.
-        since: (1 or 2, height, width) int64, time at which `value` was last updated.
+        previous: time of the event before these events, us.
+        options: three flags: make polarity an axis, decay linearly, and increment before the decay.
+        values: decay time constant, us, and increase of a pixel per event.
+        value: (1 or 2, height, width) float64, values of the pixels, updated.
+        since: (1 or 2, height, width) int64, time at which `value` was last updated, us.
     """
     separate, linear, increments_first = options
     tau, increment = values
@@ -442,8 +443,8 @@ def leaked(value, since, now, tau, linear, out):
     """Write the values of leaky pixels at a time to `out`.
 
     Args:
-        value: (pixels,) float64.
-        since: (pixels,) int64, time at which `value` was last updated.
+        value: (pixels,) float64, values at the times `since`.
+        since: (pixels,) int64, time at which `value` was last updated, us.
         now: time of the surface, us.
         tau: decay time constant, us.
         linear: decay linearly instead of exponentially.
@@ -459,12 +460,12 @@ def leaked(value, since, now, tau, linear, out):
 
 
 FURTHEST = 30.0
-"""Time constants between an event and the reference time of its cell, after which the memory is rescaled."""
+"""Largest time between an event and the reference time of its cell, in time constants. The memory is then rescaled."""
 
 
 @subkernel
 def leave(now, t, x, y, constants, oldest, reference, here, filled, following):
-    """Remove events that have left the window from the memory of a cell.
+    """Remove events that have left the window from the memory of a cell. Arguments as for `histograms`.
 
     Returns:
         The oldest event that stays, -1 for none.
@@ -482,11 +483,11 @@ def leave(now, t, x, y, constants, oldest, reference, here, filled, following):
 def forget(t, x, y, constants, memory, inside, queues, following):
     """Remove the events that have left the window by the time of the last event from all cells.
 
-    Later events cannot refer to removed ones, and a cell changes only at events in the cell, so no result changes. The
-    remaining events are renumbered from the first one that is still in a memory. Arguments as for `histograms`.
+    No result changes, because later events do not use the removed events. The remaining events are renumbered: the
+    first event that is still in a memory becomes event 0. Arguments as for `histograms`.
 
     Returns:
-        The old number of that first event.
+        The old number of the new event 0.
     """
     n = t.shape[0]
     first = n
@@ -513,27 +514,28 @@ def forget(t, x, y, constants, memory, inside, queues, following):
 
 @kernel
 def histograms(columns, begin, constants, memory, inside, queues, following, sums, counts):
-    """Sum the time surfaces of all events.
+    """Sum the time surfaces of all events, as HATS does, in one pass.
 
-    Args:
-        columns: t, (n,) int64; x and y, uint16; p, uint8.
-        begin: number of events that were processed before and are in the memory.
-        constants: side of a cell, radius, window, tau, and the contribution of an event to its own surface.
-        memory: (rows, columns, 2, cell + 2 radius, cell + 2 radius) float64, sum of decayed events per pixel, with a
-            margin of 0. Initially 0.
-        inside: int32 of the same shape, number of events in the sum. Initially 0.
-        queues: (3, rows, columns, 2) int64, oldest event, newest event and reference time of each cell. Initially -1.
-        following: (n,) int64, next event of the same cell and polarity, -1 for none; given for old events, and
-            written for new ones.
-        sums: (rows, columns, 2, size, size) float64, incremented.
-        counts: (rows, columns, 2) int64, incremented.
-
-    HATS in one pass: each cell stores the sum of its decayed events per pixel, and removes events as they leave the
-    window.
+    Each cell stores the sum of its decayed events per pixel, and removes events as they leave the window.
 
     The memory of a cell refers to a reference time, so that an event changes one value only: an event at time t_j is
     stored as exp((t_j - reference) / tau), and the memory is scaled when it is read. The reference time is moved before
     stored values exceed e^30. A pixel whose last event leaves the window is set to exactly 0, without rounding error.
+
+    Args:
+        columns: t, (n,) int64, us; x and y, uint16; p, uint8.
+        begin: number of old events: they were processed before and are in the memory.
+        constants: side of a cell (px), radius (px), window (us), tau (us), and the contribution of an event to its own
+            surface.
+        memory: (rows, columns, 2, cell + 2 radius, cell + 2 radius) float64, sum of decayed events per pixel, with a
+            margin of 0. Initially 0.
+        inside: int32 of the same shape, number of events in the sum. Initially 0.
+        queues: (3, rows, columns, 2) int64, oldest event, newest event and reference time (us) of each cell and
+            polarity. Initially -1.
+        following: (n,) int64, next event of the same cell and polarity, -1 for none. It is read for old events and
+            written for new events.
+        sums: (rows, columns, 2, size, size) float64, incremented.
+        counts: (rows, columns, 2) int64, incremented.
     """
     t, x, y, p = columns
     cell, radius, _, tau, includes_event = constants
@@ -576,10 +578,10 @@ def msd(t, tau_us, threshold, v, last, cuts):
     Args:
         t: (n,) int64, us.
         tau_us: decay time constant, us.
-        threshold: sum that makes an event, events.
+        threshold: potential at which a segment is complete, events.
         v: potential after the events so far.
         last: time of the last event so far, us.
-        cuts: (n,) int64, output.
+        cuts: (n,) int64, output: number of these events up to the end of each segment.
 
     Returns:
         The number of cuts, the potential, and the time of the last event.
@@ -599,19 +601,20 @@ def msd(t, tau_us, threshold, v, last, cuts):
 def peaks(t, last, n_before, constants, state, candidate, queue_t, queue_v, n_queued, cuts):
     """Find the peaks of a leaky integrator's potential; see `segmentation.Peaks`.
 
-    A queue holds the events of the search range that no later event exceeds, so its first is the highest.
+    A queue holds the events of the search range whose potential no later event exceeds. The first event of the queue
+    therefore has the highest potential.
 
     Args:
-        t: (n,) int64.
-        last: time of the event before.
-        n_before: number of events before.
+        t: (n,) int64, us.
+        last: time of the event before these events, us.
+        n_before: number of events before these events.
         constants: tau, rise, v0, search (us) and threshold.
         state: (2,) float64, slow and fast part of the potential.
-        candidate: (2,) int64, number (-1: none) and time of an event that may be a peak.
-        queue_t: (n_queued + n,) int64.
-        queue_v: (n_queued + n,) float64.
+        candidate: (2,) int64, number (-1: none) and time (us) of an event that may be a peak.
+        queue_t: (n_queued + n,) int64, times of the queued events, us.
+        queue_v: (n_queued + n,) float64, potentials of the queued events.
         n_queued: length of the queue so far.
-        cuts: (n + 1,) int64, output.
+        cuts: (n + 1,) int64, output: number of events of the recording up to each peak, including the peak.
 
     Returns:
         The number of cuts, and the positions of the queue's beginning and end.

@@ -20,7 +20,7 @@ STANDARD = "-"
 """Name for standard input and standard output."""
 
 STREAMED = ("csv", "txt", "nmnist", "event_stream", "dat", "evt2", "evt3", "aedat2")
-"""Formats that can be written to a pipe part by part. Other formats go through a temporary file."""
+"""Formats that can be written to a pipe part by part. Output in another format is first written to a temporary file."""
 
 INPUT, OUTPUT = "<standard input>", "<standard output>"
 
@@ -66,7 +66,7 @@ def convert(
 def read(
     source: Path_, format: str | None = None, sensor_size: tuple[int, int] | None = None, strict: bool = True
 ) -> Iterator[Events]:
-    """Yield the parts of a recording, at least one.
+    """Yield the parts of a recording. A file without events gives one empty part.
 
     Args:
         source: the file, ``-`` for standard input.
@@ -94,7 +94,7 @@ def comes_once(source: Path_) -> bool:
 
 
 def named_input(source: Path_) -> tuple[FileInput, str | None]:
-    """Return the input for `load` and `stream`, and its name for messages (None: the file's own name)."""
+    """Return the input for `load` and `stream`, and the input's name for messages (None: the file's own name)."""
     return (sys.stdin.buffer, INPUT) if os.fspath(source) == STANDARD else (source, None)
 
 
@@ -128,38 +128,38 @@ def write(
     n_written = 0
     is_standard = os.fspath(target) == STANDARD
     if not is_standard:
-        chosen = writer(Path(target), format)
+        file_format = writer(Path(target), format)
     elif format is None or (match := called(format, written())) is None:
         message = "the format is missing" if format is None else f"cannot write format {format!r}"
         raise EventFileError(OUTPUT, f"{message}, expected one of {', '.join(f.name for f in written())}")
     else:
-        chosen = match
+        file_format = match
 
     def counted() -> Iterator[Events]:
         nonlocal n_written
-        for part in parts if left_out is None else held(parts, chosen, left_out):
+        for part in parts if left_out is None else held(parts, file_format, left_out):
             yield part
             n_written += len(part)
             if report is not None:
                 report(n_written)
 
     if is_standard:
-        _write_out(counted(), chosen)
+        _write_out(counted(), file_format)
     else:
         save(counted(), target, format=format, replace=replace, keep=keep)
     return n_written
 
 
-def _write_out(parts: Iterator[Events], chosen: Format) -> None:
-    assert chosen.write is not None
+def _write_out(parts: Iterator[Events], file_format: Format) -> None:
+    assert file_format.write is not None
     sys.stdout.flush()
     try:
-        if chosen.name in STREAMED:
-            chosen.write(parts, cast(Path, _StandardOutput()))
+        if file_format.name in STREAMED:
+            file_format.write(parts, cast(Path, _StandardOutput()))
             return
         with tempfile.TemporaryDirectory() as folder:
             temporary = Path(folder) / "complete"
-            chosen.write(parts, temporary)
+            file_format.write(parts, temporary)
             with temporary.open("rb") as file:
                 shutil.copyfileobj(file, sys.stdout.buffer)
         sys.stdout.flush()

@@ -20,8 +20,10 @@ kernels = LazyModule("neuro_events._dvs_kernels")
 __all__ = ["DVS", "DVSParameters", "dvs_events"]
 
 RawEvents = tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], npt.NDArray[np.uint8]]
+"""Times (us), pixel numbers (row by row) and polarities."""
 
 Box = tuple[int, int, int, int]
+"""First column, first row, end column and end row (both exclusive), px."""
 
 _KINDS = ("uint8", "uint16", "float16", "float32", "float64")
 
@@ -33,7 +35,7 @@ class DVS:
     """A model of an event camera that receives one image after another.
 
     Between two images the log intensity of a pixel is assumed to change linearly, so events occur at times between the
-    images. A pixel compares the log intensity with the value at the last event; leak is a slow rise of the difference.
+    images. A pixel compares the log intensity with the value at its last event. Leak slowly raises the difference.
     Every random draw depends only on the seed, the pixel and the number of earlier draws, so the same images give the
     same events. Only pixels whose intensity changes, or for which a leak or noise event is due, are computed.
 
@@ -93,8 +95,8 @@ class DVS:
                 value of the type as full scale, or floats with 1 as full scale (larger values are allowed).
             t_us: time of the image, us, later than that of the image before.
             changed: (first column, first row, end column, end row), the part that may differ from the image before. The
-                rest is not compared, because the caller promises that it is equal. If it differs nevertheless, the
-                camera notices the difference now or with a later image. Ignored for the first image.
+                rest is not compared, because the caller promises that it is unchanged. If the rest differs
+                nevertheless, the camera notices the difference now or with a later image. Ignored for the first image.
 
         Returns:
             The events between the image before and this one, ordered by time. No events for the first image.
@@ -134,7 +136,7 @@ class DVS:
         """Process images as they arrive.
 
         Args:
-            images: time (us) and image, as for `see`. A further call continues after the images before.
+            images: time (us) and image, as for `see`. A second call of `watch` continues after these images.
 
         Yields:
             The events before each image but the first.
@@ -255,7 +257,7 @@ LOWEST_THRESHOLD = 0.01
 """Lower limit of drawn thresholds, log units. Source: v2e, emulator.py (`torch.clamp`)."""
 
 GREYS = 255.0
-"""Full scale of v2e, in whose units its lin-log curve is defined."""
+"""Full scale of intensities in v2e, which defines its lin-log curve for intensities from 0 to 255."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,15 +268,16 @@ class DVSParameters:
         pos_thres: rise of the natural log of the intensity that triggers an ON event.
         neg_thres: fall that triggers an OFF event, as a positive number.
         sigma_thres: standard deviation of both thresholds from pixel to pixel, log units. Thresholds are at least 0.01.
-        refractory_period_s: dead time of a pixel after an event, s. At its end the intensity becomes the reference.
+        refractory_period_s: dead time of a pixel after an event, s. The intensity at the end of the dead time is the
+            new reference.
         leak_rate_hz: rate of ON events of a pixel with constant light, Hz.
         noise_rate_cov_decades: standard deviation of the decimal log of a pixel's leak rate.
-        shot_noise_rate_hz: rate of additional events at random times, ON and OFF equally likely, of a dark pixel, Hz.
-        shot_noise_bright: ratio of the shot noise at full scale to that in the dark; linear in between.
+        shot_noise_rate_hz: rate of noise events of a dark pixel, Hz. Their times are random, and ON and OFF are equally
+            likely.
+        shot_noise_bright: rate of noise events at full scale relative to the rate in the dark; linear in between.
         cutoff_hz: bandwidth (-3 dB) of a pixel at full scale, Hz. The bandwidth of darker pixels is lower, in
             proportion to the intensity + 8 %. 0: no limit.
-        linear_below: intensity below which the curve is a line instead of the log, as a share of full scale. 0: no
-            line.
+        linear_below: intensity below which a line replaces the log, as a share of full scale. 0: no line.
         floor: intensity added to all light (dark current), as a share of full scale.
 
     Raises:
@@ -313,7 +316,7 @@ class DVSParameters:
 
     @classmethod
     def ideal(cls, **changes: Any) -> DVSParameters:
-        """Return identical pixels without noise, leak, refractory period and limit of the bandwidth.
+        """Return parameters of identical pixels without noise, leak, refractory period and limit of the bandwidth.
 
         Args:
             **changes: parameters with other values.
@@ -379,8 +382,8 @@ def frames_of(
         start_us: time of the first image, us.
         stop_us: time of the last image, us, even if the steps do not end there.
         step_us: time between images, us; the longest one with `change`.
-        change: largest change of the log intensity between images. None: fixed steps. If it is half a
-            threshold, a smaller value hardly changes the times of events.
+        change: largest change of the log intensity between images. None: fixed steps. Values below half a threshold
+            hardly change the times of events.
         shortest_us: smallest interval, us, even if an edge jumps.
         parameters: parameters with the curve of the log. None: the defaults.
 
@@ -404,6 +407,7 @@ def frames_of(
 def _frames(
     scene: Scene, start: int, stop: int, step: int, change: float | None, shortest: int, parameters: DVSParameters
 ) -> Iterator[tuple[int, Image]]:
+    """Yield the images of `frames_of`. The stack `pending` holds later images, the next one at its end."""
     image = np.array(scene(start))
     yield start, image
     time, log = start, _log(image, change, parameters)

@@ -103,17 +103,18 @@ def stream(
 ) -> Iterator[Events]:
     """Read a file of any size in parts, in constant memory.
 
-    DAT, AEDAT 2.0, EVT 2.0, 2.1 and 3.0 and HDF5 on disk or as bytes are not decoded before `start_us`. Faults there
-    are not reported, and words skipped there do not count in the metadata. Other formats, and any file with
-    ``strict=False``, are decoded from the beginning, since the events dropped from a damaged file depend on all earlier
-    ones.
+    DAT, AEDAT 2.0, EVT 2.0, 2.1 and 3.0 and HDF5 on disk or as bytes are not decoded before `start_us`. Faults before
+    this time are not reported, and unknown words before it are not counted in the metadata. Other formats are decoded
+    from the beginning. With ``strict=False`` every file is, because which events of a damaged file are dropped depends
+    on all earlier events.
 
     Args:
-        source: a path, bytes, or an open binary file such as standard input. The file is opened at the request for the
-            first part.
+        source: a path, bytes, or an open binary file such as standard input. The file is opened when the first part is
+            requested.
         window_us: length of a part, us. The first part begins at the first event (or at `start_us`). A window without
             events is an empty part.
-        count: events per part; the last part may be shorter. With neither, the parts follow the blocks of the file.
+        count: events per part; the last part may be shorter. Without `window_us` and `count`, each block of the file
+            gives a part.
         start_us: first time, us; earlier events are dropped.
         stop_us: end time, us; events at or after it are dropped.
         format: see `load`.
@@ -153,7 +154,7 @@ def stream(
 
 
 def _parts(file: Opened, size: tuple[int, int] | None, start_us: int | None, strict: bool) -> Iterator[Events]:
-    """Yield the parts of a file as stored, from `start_us` on if the reader can seek."""
+    """Yield the events of a file, one part for each block. A reader that can seek may skip blocks before `start_us`."""
     size = size or file.sensor_size or file.scanned(BLOCK)
     if start_us is None or not strict or not file.can_seek():
         yield from _decoded(file, size, None, strict)
@@ -187,17 +188,18 @@ def save(
 ) -> None:
     """Write events in the format of the name's ending.
 
-    The events are written under a temporary name, so a failure leaves no incomplete file (except with `keep`).
+    The events are written to a temporary file first, so a failure leaves no incomplete file (except with `keep`).
 
     Args:
         events: a recording, or its parts in order, as from `stream`.
         path: the file to write.
         format: name of the format if several share the ending, or an ending that only this format has.
         replace: replace an existing file. Recordings do not say who wrote them, so no file is replaced by default.
-        keep: keep events that cannot be received again, such as those of a `Listener`. The parts are written to `path`
-            with ".part" at its end (with a number if that file exists, as in walk.2.dat.part). The file stays if the
-            work fails or the process is killed, and the error says how to read it. A format that is readable only when
-            complete, such as HDF5 or NPZ, is written as CSV and converted at the end.
+        keep: keep the events so far after a failure, for events that cannot be received again, such as those of a
+            `Listener`. The events are written to a file whose name is `path` with ".part" at its end (and with a number
+            if that file exists, as in walk.2.dat.part). This file stays if the work fails or the process is killed, and
+            the error says how to read it. A format that is readable only when complete, such as HDF5 or NPZ, is written
+            as CSV and converted at the end.
 
     Raises:
         EventFileError: no format has this ending, there are no parts, the format cannot store an event (the message
@@ -206,7 +208,7 @@ def save(
     """
     path = file_path(path, "path")
     replace, keep = argument("replace", replace, kind="boolean"), argument("keep", keep, kind="boolean")
-    chosen = writer(path, format)
+    file_format = writer(path, format)
     remaining = _parts_of(events)
     first = next(remaining, None)
     if first is None:
@@ -215,10 +217,10 @@ def save(
     parts = (part for _, part in in_order(chain([first], remaining)))
     try:
         if keep:
-            _record(parts, path, chosen, replace)
+            _record(parts, path, file_format, replace)
         else:
             with output(path, RECORDING, replace) as part:
-                _write(chosen, parts, part)
+                _write(file_format, parts, part)
     except Unsavable as fault:
         error = EventFileError(str(path), f"cannot store event {fault.event}: {fault.what}", hint=fault.hint)
         raise with_notes(error, fault) from None
@@ -226,16 +228,17 @@ def save(
         raise with_notes(EventFileError(str(path), fault.what), fault) from None
 
 
-def _record(parts: Iterator[Events], path: Path, chosen: Format, replace: bool) -> None:
+def _record(parts: Iterator[Events], path: Path, file_format: Format, replace: bool) -> None:
     """Write parts that cannot be received again. After a failure, a note on the error names the file with the parts."""
-    readable_as, kept_file = chosen if chosen.grows else TABLE, path
+    readable_as = file_format if file_format.grows else TABLE
+    kept_file = path
     try:
         with output(path, RECORDING, replace, keep=True) as part:
             kept_file = part
-            if chosen.grows:
-                _write(chosen, parts, part)
+            if file_format.grows:
+                _write(file_format, parts, part)
             else:
-                _write_at_the_end(parts, part, chosen)
+                _write_at_the_end(parts, part, file_format)
     except BaseException as error:
         if kept_file != path and kept_file.exists():
             command = f"neuro events info {kept_file} --from {readable_as.name}"
@@ -243,7 +246,7 @@ def _record(parts: Iterator[Events], path: Path, chosen: Format, replace: bool) 
         raise
 
 
-def _write_at_the_end(parts: Iterator[Events], part: Path, chosen: Format) -> None:
+def _write_at_the_end(parts: Iterator[Events], part: Path, file_format: Format) -> None:
     """Write parts in a format that is readable only when complete: as CSV first, and converted at the end."""
     metadata: dict[str, Any] = {}
 
@@ -257,7 +260,7 @@ def _write_at_the_end(parts: Iterator[Events], part: Path, chosen: Format) -> No
     first = next(written_parts, None)
     all_parts = chain([load(part, format=TABLE.name) if first is None else first], written_parts)
     with output(part, RECORDING, replace=True) as target:
-        _write(chosen, (Events._trusted(e.t, e.x, e.y, e.p, e.sensor_size, metadata) for e in all_parts), target)
+        _write(file_format, (Events._trusted(e.t, e.x, e.y, e.p, e.sensor_size, metadata) for e in all_parts), target)
 
 
 def _write(format: Format, parts: Iterator[Events], path: Path) -> None:
@@ -279,16 +282,16 @@ def _parts_of(events: object) -> Iterator[Events]:
 
 
 def writer(path: Path, format: str | None) -> Format:
-    """Return the format to write: by `format` if given, else by the ending of the file's name.
+    """Return the format to write. `format` decides if it is given, otherwise the ending of the file's name decides.
 
     Raises:
         EventFileError: no writable format matches.
     """
     if format is not None:
-        if not isinstance(format, str) or (chosen := called(format, written())) is None:
+        if not isinstance(format, str) or (file_format := called(format, written())) is None:
             names = ", ".join(f.name for f in written())
             raise EventFileError(str(path), f"cannot save as format {format!r}, expected one of {names}")
-        return chosen
+        return file_format
     for f in written():
         if path.name.lower().endswith(f.suffixes):
             return f

@@ -21,10 +21,10 @@ GAPS = 3
 HOT = 10
 """Number of hot pixels that `Info` lists."""
 PIXELS = 1 << 24
-"""Largest sensor whose events are counted per pixel, px. Sensors on the market have up to a sixteenth of it."""
+"""Largest sensor whose events are counted per pixel, px. Sensors on the market have at most a sixteenth as many."""
 
 OWN_METADATA = ("format", "t0")
-"""Metadata that the readers add. `Info` states both elsewhere."""
+"""Metadata that the readers add. `Info` has attributes for both."""
 
 
 @dataclass(slots=True)
@@ -51,7 +51,7 @@ class Info:
             busiest neighbour.
         hot_pixels: number of all hot pixels.
         damage: faults of the file. The counts cover the readable part.
-        metadata: further properties that the file states, such as other streams.
+        metadata: other properties that the file states, by name, such as the streams without events.
     """
 
     path: str
@@ -146,6 +146,7 @@ def info(
 
 
 def _add(out: Info, t: npt.NDArray[np.int64], p: npt.NDArray[np.uint8]) -> None:
+    """Add the next events to the counts, the times and the longest gaps."""
     previous = np.concatenate((t[:1] if out.stop_us is None else np.array([out.stop_us], np.int64), t[:-1]))
     pauses = t.view(np.uint64) - previous.view(np.uint64)  # unsigned, so that gaps of more than 2^63 us are right
     longest = np.argsort(~pauses, kind="stable")[:GAPS]

@@ -176,8 +176,8 @@ class Opened:
         Args:
             block: approximate size of a piece, bytes.
             strict: raise an error at damage.
-            start_us: None: read from the beginning. Otherwise a reader that can seek starts at a piece before which
-                all events are earlier than this time, us.
+            start_us: a time, us. A reader that can seek skips pieces of which all events are earlier. None: read from
+                the beginning.
         """
         try:
             if start_us is not None and isinstance(self.reader, Seeker):
@@ -204,7 +204,7 @@ class Opened:
         """Read the file once and return the smallest sensor that contains all events.
 
         Raises:
-            EventFileError: the source can be read only once, and the caller reads the file again.
+            EventFileError: the source is a pipe. The caller could not read its events a second time.
         """
         if self.source.size is None:
             message = "the file does not state its sensor, and a pipe cannot be read twice to determine the sensor"
@@ -232,11 +232,11 @@ def opened(source: FileInput, format: str | None, name: str | None, size: tuple[
     if isinstance(source, (str, os.PathLike)):
         record_input(source)
     try:
-        chosen = find(data, format)
-        reader = chosen.open(data)
+        file_format = find(data, format)
+        reader = file_format.open(data)
         if size is not None and isinstance(reader, Sized):
             reader.use_sensor(size)
-        return Opened(data, reader, chosen)
+        return Opened(data, reader, file_format)
     except Damage as damage:
         clear_frames(damage)
         data.close()
@@ -248,9 +248,10 @@ def opened(source: FileInput, format: str | None, name: str | None, size: tuple[
 
 
 def find(source: Source, format: str | None = None) -> Format:
-    """Return the format of a file, by name or ending if `format` is given, else by content, else by the file's ending.
+    """Return the format of a file.
 
-    A place inside the file may follow the name, as in ``hdf5:/davis/left``.
+    If `format` is given, it is the name of the format or an ending. A place inside the file may follow the name, as in
+    ``hdf5:/davis/left``. Otherwise the content decides, and if no format knows the content, the file's ending.
 
     Raises:
         EventFileError: no format matches.
@@ -263,7 +264,7 @@ def find(source: Source, format: str | None = None) -> Format:
         inside = match.inside
         return replace(match, open=lambda data: inside(data, place)) if inside and place else match
     head = source.head(HEAD)
-    for guesses in (False, True):
+    for guesses in (False, True):  # formats without a signature come last
         for f in FORMATS.values():
             if f.guesses == guesses and f.knows(head):
                 return f
@@ -275,10 +276,10 @@ def find(source: Source, format: str | None = None) -> Format:
 
 
 def smallest(format: Format, x: int, y: int) -> tuple[int, int]:
-    """Return the sensor to assume for a file that states none.
+    """Return the width and height to assume for a file that does not state its sensor, px.
 
-    The sensors that are usual for the format come first. If none contains all events, the smallest possible one is
-    returned. Example: x = 33 and y = 20 in a format without usual sensors gives (34, 21).
+    The result is the first of the format's usual sensors that contains all events. If there is none, the result is the
+    smallest possible sensor. Example: x = 33 and y = 20 in a format without usual sensors gives (34, 21).
 
     Args:
         format: the format.

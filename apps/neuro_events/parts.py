@@ -13,7 +13,7 @@ from neuro_events._events import Events, joined_columns
 from neuro_events.source import EventFileError
 
 MOST_EMPTY = 10**6
-"""Largest number of empty windows between two events. More are taken as a jump in the times of a damaged file."""
+"""Largest number of empty windows between two events. A larger number is reported as a jump in the times."""
 
 
 def between(parts: Iterable[Events], start_us: int | None, stop_us: int | None) -> Iterator[Events]:
@@ -55,9 +55,9 @@ def windows(
         begin = int(part.t[0]) if begin is None else begin
         while len(part) and part.t[-1] >= begin + window_us:
             cut = int(np.searchsorted(part.t, begin + window_us))
-            empty = (int(part.t[0]) - begin) // window_us
-            if empty > MOST_EMPTY:
-                message = f"{empty} windows of {window_us} us without events before {part.t[0]} us, "
+            n_empty = (int(part.t[0]) - begin) // window_us
+            if n_empty > MOST_EMPTY:
+                message = f"{n_empty} windows of {window_us} us without events before {part.t[0]} us, "
                 hint = "look for a jump in the times, or use longer windows"
                 raise EventFileError(path, f"{message}expected at most {MOST_EMPTY}: {hint}")
             yield joined_parts([*pending, part[:cut]])
@@ -76,10 +76,10 @@ def joined_parts(parts: list[Events]) -> Events:
 
 
 MAX_OUTSIDE = 0.05
-"""Largest share of a recording's events outside the window. These events are dropped."""
+"""Largest accepted share of a recording's events outside the window. Events outside are dropped."""
 
 EDGES = (0.01, 0.99)
-"""Quantiles of the columns, and of the rows, that bound the object in a recording. A few noise events do not count."""
+"""Quantiles of the events' columns, and of their rows, between which the object lies. Noise events lie beyond them."""
 
 
 def windowed(
@@ -117,7 +117,7 @@ def windowed(
 
 
 def _first_line(lines: npt.NDArray[np.uint16], side: int) -> int:
-    """Return the first of `side` columns (or rows) centred on the events between the quantiles `EDGES`.
+    """Return the first column (or row) of a window of `side` columns, centred between the quantiles `EDGES` of `lines`.
 
     Without events the result is 0. Example: columns mostly from 10 to 19 and side = 4 give 13.
     """

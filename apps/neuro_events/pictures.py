@@ -24,21 +24,22 @@ from neuro_events.parts import joined_parts, windows
 COLOURS = ("#0072B2", "#D55E00", "#FFFFFF")
 """Colours of ON, OFF and background: Okabe and Ito's blue and vermilion, which colour-blind readers can distinguish."""
 TALL = 240
-"""Smallest longer side of a picture, px. Small sensors are enlarged by a whole number to reach it."""
+"""Smallest length of a picture's longer side, px. Small sensors are enlarged by a whole factor to reach this length."""
 LEAST_FPS, MOST_FPS = 0.1, 50.0
 """Range of frames per second. A GIF stores delays in 16 bits in units of 10 ms; viewers lengthen delays below 20 ms."""
 LARGEST, LARGEST_SCALED = 65_535, 8192
 """Largest side of a picture, px, without and with enlargement. A GIF stores its sides in 16 bits; the second limit
 catches a mistaken `scale`."""
 STILL = 25
-"""Number of equal frames in a row that are kept, one second by default. Further equal frames are skipped."""
-WINDOW_US, FRAMES, LONGEST_LOOK_AHEAD = 40_000, 25, 1 << 22
-"""Default length of a window, us; smallest number of windows for a short recording; and number of events (55 MB) that
-are held to find out whether a recording is short."""
+"""Largest number of equal frames in a row, one second by default. Further equal frames are skipped."""
+WINDOW_US, FRAMES = 40_000, 25
+"""Default length of a window, us, and number of windows of a recording that is too short for 25 such windows."""
+LONGEST_LOOK_AHEAD = 1 << 22
+"""Number of events (55 MB) that are held at most to find out whether a recording is short."""
 MARK = "neuro events gif"
 GIF = marked("a GIF of 'neuro events gif'", MARK, "replace=True")
 MOST_FRAMES = 10_000
-"""Largest number of frames: seven minutes by default, and a file of hundreds of MB."""
+"""Largest number of frames. By default they last seven minutes, and the file has hundreds of MB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +49,7 @@ class Gif:
     Attributes:
         frames: number of frames.
         window_us: time per frame, us.
-        left_out: number of frames skipped because they repeat the frames before.
+        left_out: number of frames that were skipped because they repeat the frames before.
         fps: frames per second as shown; delays are multiples of 10 ms.
         size: width and height of the picture, px.
     """
@@ -129,10 +130,10 @@ def gif(
 
 
 def _beginning(parts: Iterator[Events], enough_us: int) -> tuple[list[Events], int]:
-    """Return the first non-empty parts, and their duration, us, at most `enough_us`.
+    """Return the first non-empty parts until they last `enough_us`, and their duration, us.
 
-    All parts are returned if the recording is shorter than `enough_us`. If the first parts have more than
-    `LONGEST_LOOK_AHEAD` events, the recording counts as long and its duration is given as `enough_us`.
+    All parts are returned if the recording is shorter than `enough_us`. Reading also ends after `LONGEST_LOOK_AHEAD`
+    events. The recording then counts as long, and `enough_us` is returned as its duration.
     """
     pending: list[Events] = []
     duration = 0
@@ -230,7 +231,7 @@ def view(
     """
     replace = argument("replace", replace, kind="boolean")
     most = argument("most", most, kind="integer", at_least=1)
-    events, total, step = _thinned([parts] if isinstance(parts, Events) else parts, most)
+    events, total, step = _thin([parts] if isinstance(parts, Events) else parts, most)
     if events is None:
         raise ModelError(f"{title}: the recording has no events: nothing to show")
     width, height = events.sensor_size
@@ -240,7 +241,7 @@ def view(
     return step
 
 
-def _thinned(parts: Iterable[Events], most: int) -> tuple[Events | None, int, int]:
+def _thin(parts: Iterable[Events], most: int) -> tuple[Events | None, int, int]:
     """Return evenly thinned events, the total number of events, and the step n (one of every n events is kept).
 
     The step doubles whenever more than `most` events are held. Example: 10 events and most = 4 keep events 0, 4 and 8.
@@ -248,7 +249,7 @@ def _thinned(parts: Iterable[Events], most: int) -> tuple[Events | None, int, in
     selected: list[Events] = []
     total, step = 0, 1
     for part in parts:
-        selected.append(part[-total % step :: step])
+        selected.append(part[-total % step :: step])  # from the first event whose number in the recording is n step
         total += len(part)
         while sum(map(len, selected)) > most:
             step *= 2

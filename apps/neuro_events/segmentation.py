@@ -127,7 +127,7 @@ def _checked(t: npt.NDArray[Any]) -> Times:
 
 
 MOST = 10**8
-"""Largest number of windows at a time. More point to a wrong unit or time, and their bounds alone would take 1 GB."""
+"""Largest number of windows at a time. A larger number suggests a wrong unit or time, and needs 1 GB for the bounds."""
 
 
 class TimeWindows(Cutter):
@@ -206,7 +206,7 @@ def time_segments(
         t: (n,) times, us, non-decreasing.
         window_us: length of a segment, us.
         start_us: start of the first segment, us, not after the first event. None: at the first event.
-        rest: include the last window, although no later event completes it.
+        rest: include the last window, which no later event completes.
 
     Returns:
         (segments + 1,) int64: segment i has the events ``[out[i], out[i + 1])``, with times from
@@ -303,14 +303,15 @@ class Peaks(Cutter):
         search_us: time before and after a peak in which no potential is higher, us.
         tau_us: decay time constant, us.
         rise_us: rise time constant, us, below `tau_us`. None: a quarter of `tau_us`.
-        threshold: smallest potential of a peak, exclusive, so that noise makes no peaks; in units of K's maximum.
+        threshold: potential that a peak must exceed, in units of K's maximum. It prevents peaks caused by noise.
 
     Raises:
         ModelError: a time constant or `search_us` is not positive, `rise_us` is not from 0 to below `tau_us`,
             or the threshold is negative.
 
     Source: Zhao et al., IEEE TNNLS 26:1963, 2015, section III-B. The authors' programs have tau = 20 ms and
-        rise = tau / 4; they search over a number of events, which is the time divided by the mean interval.
+        rise = tau / 4. The programs search over a number of events, which is the search time divided by the mean
+        interval between events.
     """
 
     def __init__(
@@ -377,7 +378,7 @@ def peak_segments(
         search_us: time before and after a peak in which no potential is higher, us.
         tau_us: decay time constant, us.
         rise_us: rise time constant, us. None: a quarter of `tau_us`. 0: potentials jump.
-        threshold: smallest potential of a peak, exclusive, in units of one event's maximal potential.
+        threshold: potential that a peak must exceed, in units of the maximum that one event adds.
         rest: count the events after the last peak as one more segment.
 
     Returns:

@@ -188,7 +188,7 @@ def opened_source(source: FileInput, name: str | None) -> Source:
 
 
 def _similar_name_hint(path: str) -> str:
-    """Return a hint at the file with the most similar name in the same folder, or "" if none is similar."""
+    """Return a hint that names the file with the most similar name in the folder, or "" if no name is similar."""
     folder, name = os.path.split(path)
     try:
         matches = difflib.get_close_matches(name, os.listdir(folder or "."), n=1, cutoff=0.8)
@@ -218,7 +218,7 @@ class EventFileWarning(UserWarning):
 
 
 class EventFileError(ModelError):
-    """Error about an event file: damaged, unknown or missing, or unable to store an event.
+    """Error about an event file that is damaged, missing or of an unknown format, or that cannot store an event.
 
     The message reads ``PATH: byte OFFSET: what was found, and what was expected``.
 
@@ -228,7 +228,7 @@ class EventFileError(ModelError):
         offset: offset of the fault in bytes, None if no single byte is at fault.
     """
 
-    path: str  # type: ignore[assignment]  # the path of a file; `ModelError.path` holds words that lead to a value
+    path: str  # type: ignore[assignment]  # the path of a file, while `ModelError.path` is a position in a network file
 
     def __init__(self, path: str, what: str, offset: int | None = None, hint: str = "") -> None:
         place = path if offset is None else f"{path}: byte {offset}"

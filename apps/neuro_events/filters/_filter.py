@@ -46,7 +46,7 @@ class Filter(ABC):
 
     Attributes:
         word: short name for the command line. Default: the name of the class.
-        units: units of parameters without a `quantity` whose names do not state the unit.
+        units: units of those parameters that have neither a `quantity` nor a unit in their name.
         sensor_size: width and height of the input sensor, px.
     """
 
@@ -54,7 +54,7 @@ class Filter(ABC):
     units: ClassVar[Mapping[str, str]] = {}
 
     sensor_size: Size
-    _clock: npt.NDArray[np.int64] = field(init=False, repr=False)
+    _clock: npt.NDArray[np.int64] = field(init=False, repr=False)  # (1,) time of the last event, us
     _state: State = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -146,7 +146,7 @@ class Filter(ABC):
             yield remaining
 
     def fresh(self) -> Self:
-        """Return a new filter with the same parameters and an empty state, for another recording at the same time."""
+        """Return a new filter with the same parameters and its own state, e.g. to filter two recordings in turn."""
         return replace(self)
 
     @abstractmethod
@@ -185,7 +185,7 @@ def complete(kind: type[Filter]) -> type[Filter]:
     """Check that a filter class is complete, and return it.
 
     Raises:
-        TypeError: a method is missing, or an annotated attribute is not a parameter because the decorator is missing.
+        TypeError: a method is missing, or the class has an annotated attribute but no dataclass decorator.
     """
     if missing := sorted(kind.__abstractmethods__):
         raise TypeError(f"filter '{kind.called()}' has no method '{missing[0]}'")
@@ -288,7 +288,7 @@ def chain(*filters: Filter) -> Chain:
     """Combine filters into a filter that applies all of them in sequence.
 
     Args:
-        filters: at least one filter. The sensor size of each is the output size of the filter before.
+        filters: at least one filter. The sensor size of each filter is the output size of the filter before.
 
     Returns:
         A filter with its own state, independent of the states of `filters`.

@@ -45,8 +45,8 @@ class Refractory(Sieve):
 
     Attributes:
         period_us: shortest time between events that pass, us.
-        extend: restart the period at a dropped event too, as jAER's RefractoryFilter does (which passes only after more
-            than the period). False: a dropped event has no effect, as in a pixel held in reset.
+        extend: restart the period at a dropped event too, as jAER's RefractoryFilter does. (In jAER an event exactly
+            one period later is still dropped.) False: a dropped event has no effect, as in a pixel held in reset.
 
     Source: dead time of the pixel, Lichtsteiner et al., IEEE JSSC 43:566, 2008.
     """
@@ -218,7 +218,7 @@ class ShotNoise(Filter):
         return self._of(events, out)
 
     def _capacity(self, span_us: int, mean_us: float) -> int:
-        """Return the size of the noise arrays: 12 standard deviations above the mean are never exceeded in practice."""
+        """Return the size of the noise arrays: 12 standard deviations above the mean, which is never exceeded."""
         expected = span_us / mean_us
         if expected > MOST:
             raise FilterError(
@@ -234,8 +234,8 @@ class TAR(Sieve):
 
     Every event, of either polarity and whether it passes or not, adds 1 to a mask in the square of side
     ``2 radius + 1`` around its pixel. The mask decays exponentially. An event passes if the mask at its pixel,
-    including the event's own 1, exceeds `theta`. A mask value is decayed only when it is next updated, by the time
-    since then.
+    including the event's own 1, exceeds `theta`. The decay of a mask value since its last update is computed at its
+    next update.
 
     Attributes:
         tau: decay time constant, s.

@@ -133,14 +133,14 @@ class Crop(Sieve):
 class Downsample(Filter):
     """Merge blocks of pixels into one pixel each.
 
-    Each block sums its events, ON as +1 and OFF as -1. When the sum reaches `integrate` or its negative, the block
-    sends an event of that sign at the time of the last event, and the sum is reset to 0. With ``integrate=1`` every
-    event passes.
+    Each block sums its events, ON as +1 and OFF as -1. When the sum reaches `integrate` or -`integrate`, the block
+    emits an event with the sign of the sum at the time of the last event, and the sum is reset to 0. With
+    ``integrate=1`` every event passes.
 
     Attributes:
         factor: columns and rows of a block, px, or one number for both.
-        integrate: net number of events in a block for one output event. With columns times rows, a block behaves like
-            one pixel that sees the mean log intensity of the block.
+        integrate: net number of events in a block for one output event. If it is the number of pixels in a block, the
+            block behaves like one pixel that sees the block's mean log intensity.
 
     Source: equations 20-21 of the thesis, averaged over a block; Cohen et al., Spatial and temporal downsampling
         in event-based visual classification, IEEE TNNLS, 2018, for downsampling without the sum.
@@ -181,7 +181,7 @@ class Shift(Filter):
     """Shift all times by a constant.
 
     Attributes:
-        by_us: added to each time, us.
+        by_us: shift, us; negative: to earlier times.
         to_us: new time of the first event of the recording, us, instead of `by_us`.
     """
 
@@ -220,7 +220,7 @@ class Scale(Filter):
 
     Attributes:
         factor: stretch factor; above 1 is slow motion.
-        origin_us: the time that stays the same, us. None: the time of the recording's first event.
+        origin_us: time that the filter does not change, us. None: the time of the recording's first event.
     """
 
     word = "scale"

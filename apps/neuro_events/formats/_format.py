@@ -38,7 +38,10 @@ class Damage(ValueError):
 
 
 class Unsavable(ValueError):
-    """Raised by a writer for an event that the format cannot store: its number ``event``, reason ``what``, ``hint``."""
+    """Error of a writer about an event that the format cannot store.
+
+    ``event`` is the number of the event in the recording, ``what`` is the reason, and ``hint`` is a remedy.
+    """
 
     def __init__(self, what: str, event: int, hint: str = "") -> None:
         super().__init__(what, event, hint)
@@ -116,7 +119,7 @@ class Seeker(Reader, Protocol):
 
 @runtime_checkable
 class Sized(Protocol):
-    """A reader of files that may come from several sensors and do not state which.
+    """A reader of files that may come from several sensors and do not state their sensor.
 
     Attributes:
         way_out: text about the option that chooses the sensor, for messages.
@@ -147,12 +150,14 @@ class Format:
         usual: sensor to assume if the file states none and all events fit.
         larger: sensors to try after `usual`, in this order.
         inside: function like `open` for one of several recordings in a file. The second argument is the place of the
-            recording: the part after the colon in ``load(..., format="hdf5:/davis/left")``. None: no places.
+            recording: the part after the colon in ``load(..., format="hdf5:/davis/left")``. None: a file of this format
+            holds one recording.
         guesses: True if `knows` has no signature to check, as for plain text. Such formats are tried last.
-        holds: function (events, time of the event before them or None) -> (n,) bool, True for the events that `write`
-            can store. None: all events.
+        holds: function of the events and of the time of the event before them (None at the beginning). It returns (n,)
+            bool, True for the events that `write` can store. None: all events can be stored.
         grows: True if the output of `write` is a readable recording at any time, so that a killed process leaves one.
-        untested: reason why the format was tested only on files made from its specification, "" if on real files.
+        untested: reason why the format was tested only on files made from its specification. "" if it was tested on
+            real files.
     """
 
     name: str
@@ -205,7 +210,7 @@ HEAD = 4096
 
 @dataclass(slots=True)
 class Found:
-    """A reader of pieces in memory, for formats that are decoded at once. `damage` follows the pieces."""
+    """A reader whose pieces are already in memory, for formats that are decoded at once."""
 
     sensor_size: Size | None
     metadata: Mapping[str, Any] = field(default_factory=dict)
@@ -320,10 +325,10 @@ class Limits(NamedTuple):
     """Range of times and positions that a format can store.
 
     Attributes:
-        times: first time that is too late, us; 0 if there is none. Times below 0 cannot be stored.
+        times: upper limit of the times, us, exclusive; 0: no limit. Times below 0 cannot be stored.
         columns: number of columns.
         rows: number of rows; 0: as many as columns.
-        reserved: a row with another meaning; -1: none.
+        reserved: row number that has another meaning in the format, so that it cannot be stored; -1: none.
     """
 
     times: int
@@ -373,8 +378,8 @@ def refuse(
         unsavable: (n,) True for events that cannot be stored.
         n_before: number of events before the part.
         limits: the expected range, for the message.
-        outside: (n,) True for events whose position cannot be stored; for the others the time is at fault. None:
-            unknown.
+        outside: (n,) True for unsavable events whose position cannot be stored. The time of the other unsavable events
+            cannot be stored. None: unknown.
 
     Raises:
         Unsavable: an event cannot be stored.

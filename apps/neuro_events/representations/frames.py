@@ -67,8 +67,8 @@ def event_frame(
     Args:
         events: the events to count.
         polarity: ``"separate"``, ``"signed"`` (ON minus OFF) or ``"ignored"``.
-        segments: (n + 1,) bounds, as from the functions of `neuro.events.segmentation`, or (n, 2) ranges of event
-            indices, which may overlap. The result has one frame per segment.
+        segments: (n + 1,) bounds, as from the functions of `neuro.events.segmentation`, or (n, 2) first and end
+            (exclusive) index of events, where segments may overlap. The result has one frame per segment.
         as_torch: return a torch tensor.
 
     Returns:
@@ -107,6 +107,7 @@ def binary_frame(
 
 
 def _event_counts(events: Events, polarity: str, segments: npt.ArrayLike | None) -> npt.NDArray[np.int32]:
+    """Return the array of `event_frame`."""
     ranges = np.array([[0, len(events)]]) if segments is None else _ranges(segments, len(events))
     width, height = events.sensor_size
     separate = polarity == "separate"
@@ -210,7 +211,8 @@ def event_spike_tensor(
         as_torch: return a torch tensor.
 
     Returns:
-        (2, bins, height, width), 0 = OFF. The authors' program flattens the first two axes to one of 2 bins.
+        (2, bins, height, width), 0 = OFF. The authors' program flattens the first two axes to one axis of length
+        2 * bins.
 
     Raises:
         ModelError: an argument is invalid (the message names it), or torch is not installed.

@@ -155,8 +155,8 @@ def time_surface(
     The surface at time T is exp(-(T - t) / tau) or, with linear decay, max(0, 1 - (T - t) / tau), where t is the time
     of the pixel's last event. Pixels without an event are 0.
 
-    tonic's ``ToTimesurface(dt, tau)`` equals this function at the ends of windows of dt, which exclude the events at
-    exactly their ends: ``at_us=events.t[0] + dt * np.arange(1, n + 1), inclusive=False``, with
+    tonic's ``ToTimesurface(dt, tau)`` equals this function at the ends of windows of length dt. A window excludes the
+    events at exactly its end: ``at_us=events.t[0] + dt * np.arange(1, n + 1), inclusive=False``, with
     n = (last - first time) // dt.
 
     Args:
@@ -188,7 +188,8 @@ Order = Literal["decay_first", "increment_first"]
 class LeakySurface(_Decaying):
     """Leaky pixels, readable as a surface at any time, for recordings that come in parts.
 
-    A pixel is decayed when it has an event or is read, which equals a decay of all pixels at every event.
+    A pixel's value is decayed only when the pixel has an event or is read. The result is the same as if all pixels
+    decayed at every event.
 
     Args:
         sensor_size: width and height, px.
@@ -246,10 +247,10 @@ def leaky_surface(
     After dt a pixel's value u becomes u exp(-dt / tau) or, with linear decay, max(0, u - dt / tau). The lambda of the
     thesis is 1 / tau.
 
-    Algorithm 15 of the thesis decays *after* the increment, by the time since the event before. A new event thus
-    immediately loses exp(-(t_i - t_(i-1)) / tau), or everything after a long silence, as if it had arrived with the
-    event before it. ``order="increment_first"`` implements the algorithm to the letter. The default decays first, as in
-    the paper on the linear surface, so that a new event counts in full.
+    Algorithm 15 of the thesis decays *after* the increment, by the time since the event before. A new event is thus
+    immediately multiplied by exp(-(t_i - t_(i-1)) / tau), as if it had arrived at the time of the event before. After a
+    long silence nothing of the new event remains. ``order="increment_first"`` implements the algorithm to the letter.
+    The default decays first, as in the paper on the linear surface, so that a new event counts in full.
 
     Args:
         events: the recording.
@@ -378,8 +379,8 @@ def hats(
         window_us: time for which an event counts, us; Delta t in the paper.
         tau_us: time constant, us.
         itself: include the event in its own surface, which adds 1 in the middle.
-        normalise: number of events to divide by: of the ``"cell"`` as in the paper, of the cell and ``"polarity"``, or
-            ``"none"``.
+        normalise: divisor of the sums: ``"cell"``, the number of events in the cell, as in the paper; ``"polarity"``,
+            the number of events in the cell with the same polarity; or ``"none"``.
         dtype: float32 or float64.
         as_torch: return a torch tensor.
 
