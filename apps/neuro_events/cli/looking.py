@@ -18,11 +18,11 @@ from neuro_events.cli.options import (
     Lenient,
     Sensor,
     base_name,
+    check_target,
     count,
     events_so_far,
     microseconds,
     progress,
-    spare,
     with_progress,
 )
 
@@ -254,7 +254,7 @@ def gif(
     target = f"{base_name(source)}.gif" if out is None else out
     if not target.lower().endswith(".gif"):
         raise typer.BadParameter(f"'{target}': expected a name that ends in .gif", param_hint="OUT")
-    spare(source, target, GIF, force)
+    check_target(source, target, GIF, force)
     with progress(f"{target} is not written") as bar:
         parts = with_progress(read(source, from_format, sensor, not lenient), bar)
         drawing = draw(
@@ -296,7 +296,7 @@ def view(
 
     name = base_name(source)
     target = Path(f"{name}.html") if out is None else out
-    spare(source, target, PAGE, force)
+    check_target(source, target, PAGE, force)
     with progress(f"{target} is not written") as bar:
         parts = with_progress(read(source, from_format, sensor, not lenient), bar)
         step = write(parts, target, title=name, most=most, replace=force)

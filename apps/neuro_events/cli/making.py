@@ -19,13 +19,13 @@ from neuro_events.cli.options import (
     Sensor,
     To,
     base_name,
-    chosen,
+    check_target,
     count,
     events_so_far,
     list_parts,
     microseconds,
+    parse_choice,
     progress,
-    spare,
 )
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def convert(
     from neuro_events.convert import comes_once, convert as write
     from neuro_events.files import RECORDING
 
-    spare(source, target, RECORDING, force)
+    check_target(source, target, RECORDING, force)
     with progress(f"{target} is not written") as bar:
         n_events = write(
             source, target, from_format=from_format, to_format=to_format, sensor_size=sensor, strict=not lenient,
@@ -78,8 +78,8 @@ def filter(
     from neuro_events.files import RECORDING
     from neuro_events.filters import Filter, chain
 
-    spare(source, target, RECORDING, force)
-    parts = [_parsed(text) for text in filters]
+    check_target(source, target, RECORDING, force)
+    parts = [_parse_filter(text) for text in filters]
     n_read = 0
 
     def filtered() -> Iterator[Events]:
@@ -102,12 +102,12 @@ def filter(
     typer.echo(f"{target}: {n_written:,} of {n_read:,} events", err=target == "-")
 
 
-def _parsed(text: str) -> tuple[type[Filter], dict[str, Any]]:
+def _parse_filter(text: str) -> tuple[type[Filter], dict[str, Any]]:
     """Parse a filter and its parameters."""
     from neuro import ModelError
     from neuro_events.filters import FILTERS
 
-    kind, values = chosen(text, FILTERS, "filter", "FILTER")
+    kind, values = parse_choice(text, FILTERS, "filter", "FILTER")
     if kind is FILTERS["hot"] and not values.get("pixels"):
         example = "such as 'hot: {pixels: [[8, 1], [205, 59]]}'"
         raise ModelError("filter 'hot': expected pixels", hint=f"{example}; 'neuro events info' lists hot pixels")
@@ -158,22 +158,22 @@ def split(
     parts = stream(
         file, window_us=window, count=count, format=from_format, sensor_size=sensor, name=input_name, strict=not lenient
     )  # fmt: skip
-    written = empty = 0
+    n_written = n_empty = 0
     with progress("the files written so far are complete") as bar:
         for k, part in enumerate(parts):
             if not len(part):
-                empty += 1
+                n_empty += 1
                 continue
             make_folder(out)
             target = out / f"{name.stem}-{k:05d}{suffix}"
-            spare(source, target, RECORDING, force)
+            check_target(source, target, RECORDING, force)
             save(part, target, replace=force)
-            written += 1
-            bar.say(f"{written:,} files")
-    if not written:
+            n_written += 1
+            bar.say(f"{n_written:,} files")
+    if not n_written:
         raise ModelError(f"{source}: the recording has no events: nothing to split")
-    files = "1 file" if written == 1 else f"{written:,} files"
-    skipped = f"; {empty:,} windows without events" if empty else ""
+    files = "1 file" if n_written == 1 else f"{n_written:,} files"
+    skipped = f"; {n_empty:,} windows without events" if n_empty else ""
     typer.echo(f"{out / name.stem}-*{suffix}: {files}{skipped}")
 
 
@@ -188,7 +188,7 @@ def _check_targets(out: Path, stem: str, suffix: str, force: bool) -> None:
     for existing in sorted(out.iterdir()) if out.is_dir() else ():
         number = existing.name.removeprefix(f"{stem}-").removesuffix(suffix)
         if existing.name == f"{stem}-{number}{suffix}" and number.isdecimal():
-            spare("-", existing, RECORDING, force)
+            check_target("-", existing, RECORDING, force)
 
 
 ArraysOut = Annotated[
@@ -231,12 +231,12 @@ def frames(
     from neuro_events.representations import REPRESENTATIONS
     from neuro_events.segmentation import SEGMENTERS
 
-    make, values = chosen(representation, REPRESENTATIONS, "representation", "--as")
-    cutter = None if cut is None else chosen(cut, SEGMENTERS, "segmenter", "--cut")
+    make, values = parse_choice(representation, REPRESENTATIONS, "representation", "--as")
+    cutter = None if cut is None else parse_choice(cut, SEGMENTERS, "segmenter", "--cut")
     if target.suffix != ".npz":
         raise typer.BadParameter(f"'{target}': expected a name that ends in .npz", param_hint="OUT.npz")
     arrays_kind = Kind("arrays of frames", ask="--force")
-    spare(source, target, arrays_kind, force)
+    check_target(source, target, arrays_kind, force)
     events: Events = load(source, format=from_format, sensor_size=sensor, strict=not lenient)
     bounds = np.array([0, len(events)]) if cutter is None else np.asarray(cutter[0](events.t, **cutter[1]))
     if len(bounds) < 2:

@@ -60,7 +60,7 @@ Sensor = Annotated[
 ]
 
 
-def spare(source: str | Path, target: str | Path, kind: Kind, force: bool) -> None:
+def check_target(source: str | Path, target: str | Path, kind: Kind, force: bool) -> None:
     """Check that the output may be written.
 
     Raises:
@@ -81,7 +81,7 @@ def spare(source: str | Path, target: str | Path, kind: Kind, force: bool) -> No
     check_output(path, replace(kind, ask="--force"), force)
 
 
-def chosen(text: str, registry: Mapping[str, Any], what: str, hint: str) -> tuple[Any, dict[str, Any]]:
+def parse_choice(text: str, registry: Mapping[str, Any], what: str, hint: str) -> tuple[Any, dict[str, Any]]:
     """Parse the choice of a part, such as 'crop: {x: [0, 300]}', to the registered part and its parameters.
 
     Args:
@@ -115,7 +115,7 @@ def chosen(text: str, registry: Mapping[str, Any], what: str, hint: str) -> tupl
 
 
 def parameters_of(part: Any) -> dict[str, str]:
-    """Return each parameter but the first as text: name, default, and unit unless in the name, e.g. "tau=0.08 s"."""
+    """Return the parameters by name, without the first one, as text with default and unit, e.g. "tau=0.08 s"."""
     from dataclasses import fields, is_dataclass
 
     names = fields(part) if is_dataclass(part) else ()
@@ -128,7 +128,7 @@ def parameters_of(part: Any) -> dict[str, str]:
 
 
 _ONLY_IN_PYTHON = ("segments", "as_torch", "dtype")
-"""Parameters of the Python functions without use on the command line."""
+"""Parameters of the Python functions that have no use on the command line."""
 
 
 def list_parts(**registries: Mapping[str, Any]) -> None:

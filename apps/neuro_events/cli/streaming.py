@@ -12,7 +12,19 @@ import typer
 
 from neuro import ModelError
 from neuro.apps import NoBrowser, app, ending_by, milliseconds, refuse_unused
-from neuro_events.cli.options import Force, From, In, Lenient, Sensor, To, count, events_so_far, progress, sensor, spare
+from neuro_events.cli.options import (
+    Force,
+    From,
+    In,
+    Lenient,
+    Sensor,
+    To,
+    check_target,
+    count,
+    events_so_far,
+    progress,
+    sensor,
+)
 
 if TYPE_CHECKING:
     from neuro.apps import Bar, NoBrowser, app
@@ -79,7 +91,7 @@ def listen(
     if not page:
         refuse_unused(context, "--page", "no_browser")
     if target is not None:
-        spare("-", target, RECORDING, force)
+        check_target("-", target, RECORDING, force)
     else:
         refuse_unused(context, "OUT", "to_format", "force")
     with (
@@ -128,6 +140,7 @@ def _received_parts(stopped: threading.Event, stream: Listener, end: float, bar:
 
 
 def _print_counts(stream: Listener, seconds: float, err: bool, no_room: int = 0) -> None:
+    """Print the numbers of received and lost events. The format of OUT could not store `no_room` events."""
     counts = stream.counts
     pieces = "pieces" if stream.format == "aedat4" else "datagrams"
     received = f"{counts.events:,} events in {counts.datagrams:,} {pieces}, {seconds:.1f} s"

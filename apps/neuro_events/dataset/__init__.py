@@ -15,7 +15,7 @@ from neuro import ModelError
 from neuro.apps import file_path, unknown
 from neuro_events._events import Events
 from neuro_events.dataset._layouts import LAYOUTS, Layout, is_hdf5
-from neuro_events.dataset._recordings import UNKNOWN, Recording, Recordings, Sample, labelled, recordings
+from neuro_events.dataset._recordings import UNKNOWN, Recording, Recordings, Sample, list_recordings, recordings
 from neuro_events.dataset._store import Report, StoredDataSet, store, stored_samples
 
 __all__ = [
@@ -32,7 +32,7 @@ __all__ = [
 
 
 @dataclass(frozen=True, slots=True)
-class _Composed:
+class _Composition:
     """Composition of two functions. Unlike a lambda, an instance can be sent to another process."""
 
     first: Callable[[Events], Any]
@@ -91,12 +91,12 @@ class Dataset(Sequence[tuple[Any, int]]):
             self.classes, self.samples = stored_samples(self.path, classes)
             self.layout = "hdf5"
         else:
-            listing = labelled(self.path, part, classes, layout, ending, whole=False)
+            listing = list_recordings(self.path, part, classes, layout, ending, whole=False)
             self.classes, self.samples, self.layout = listing.classes, tuple(listing), listing.layout
 
-    def _with(self, **changed: Any) -> Self:
+    def _with(self, **changes: Any) -> Self:
         copy = object.__new__(type(self))
-        copy.__dict__.update(self.__dict__ | changed)
+        copy.__dict__.update(self.__dict__ | changes)
         return copy
 
     def __len__(self) -> int:
@@ -111,17 +111,17 @@ class Dataset(Sequence[tuple[Any, int]]):
             return self._with(samples=self.samples[index])
         if np.ndim(index) == 0:
             sample = self.samples[operator.index(index)]  # type: ignore[arg-type]
-            events = self._loaded(sample)
+            events = self._events_of(sample)
             return (events if self._transform is None else self._transform(events)), sample.label
-        chosen = np.asarray(index)
-        if chosen.dtype == bool:
-            if len(chosen) != len(self):
-                raise ModelError(f"mask of length {len(chosen)}: expected {len(self)}, one for each sample")
-            chosen = np.flatnonzero(chosen)
-        return self._with(samples=tuple(self.samples[k] for k in chosen.tolist()))
+        indices = np.asarray(index)
+        if indices.dtype == bool:
+            if len(indices) != len(self):
+                raise ModelError(f"mask of length {len(indices)}: expected {len(self)}, one for each sample")
+            indices = np.flatnonzero(indices)
+        return self._with(samples=tuple(self.samples[k] for k in indices.tolist()))
 
-    def _loaded(self, sample: Sample) -> Events:
-        """Return the events of a sample, from the cache if there is one. Derived data sets share the cache."""
+    def _events_of(self, sample: Sample) -> Events:
+        """Return the events of a sample, from the cache if this data set has one. Derived data sets share the cache."""
         if self._cache is None:
             return sample.load(sensor_size=self._size)
         if sample not in self._cache:
@@ -203,8 +203,8 @@ class Dataset(Sequence[tuple[Any, int]]):
         first: list[int] = []
         for _, members in self._by_class(seed):
             first += members[: int(np.floor(share * len(members) + 0.5))]
-        chosen = set(first)
-        return self[sorted(first)], self[[k for k in range(len(self)) if k not in chosen]]
+        first_indices = set(first)
+        return self[sorted(first)], self[[k for k in range(len(self)) if k not in first_indices]]
 
     def _by_class(self, seed: int | None) -> Iterator[tuple[int, list[int]]]:
         """Yield each label with the indices of its samples, in order or shuffled."""
@@ -221,7 +221,7 @@ class Dataset(Sequence[tuple[Any, int]]):
             transform: function of events, such as a representation. Applied after earlier transforms.
         """
         previous = self._transform
-        return self._with(_transform=transform if previous is None else _Composed(previous, transform))
+        return self._with(_transform=transform if previous is None else _Composition(previous, transform))
 
     def cached(self, path: str | os.PathLike[str] | None = None, *, jobs: int | None = None) -> Self:
         """Return the same samples with a cache, so that each is decoded once.

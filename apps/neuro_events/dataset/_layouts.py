@@ -59,8 +59,8 @@ def files_of(where: str) -> Files:
     """
     path = Path(where)
     if path.is_dir():
-        inside = (Path(folder, f) for folder, _, names in os.walk(path) for f in names)
-        contents = {f.relative_to(path).as_posix(): FileContent(f) for f in inside}
+        paths = (Path(folder, f) for folder, _, names in os.walk(path) for f in names)
+        contents = {f.relative_to(path).as_posix(): FileContent(f) for f in paths}
         return {name: read for name, read in contents.items() if not _is_hidden(name)}
     if not path.exists():
         raise EventFileError(where, "no such folder, zip or HDF5 file")
@@ -155,7 +155,7 @@ NAMES = (
     "hand_clapping", "right_hand_wave", "left_hand_wave", "right_arm_clockwise", "right_arm_counter_clockwise",
     "left_arm_clockwise", "left_arm_counter_clockwise", "arm_roll", "air_drums", "air_guitar", "other_gestures",
 )  # fmt: skip
-"""Gestures 1 to 11."""
+"""Names of the gestures 1 to 11."""
 
 
 MANIFEST = "MANIFEST.csv"
@@ -171,12 +171,12 @@ _NCALTECH = re.compile(r"image_\d{4}\.bin")
 
 
 def is_part(folder: str, part: str) -> bool:
-    """Return whether a folder is that of a part (lower case), e.g. ``Train`` or ``n-cars_train`` for "train"."""
+    """Return whether a folder has the name of a part, e.g. ``Train`` or ``n-cars_train`` for the part "train"."""
     return folder.lower() == part or folder.lower().endswith((f"-{part}", f"_{part}"))
 
 
-def _by_folder(item: LayoutItem, part: str) -> bool:
-    """Return whether a folder above the class folder is that of a part."""
+def _is_in_part_folder(item: LayoutItem, part: str) -> bool:
+    """Return whether a folder above the class folder has the name of a part."""
     return any(is_part(folder, part) for folder in item.file.split("/")[:-2])
 
 
@@ -189,7 +189,7 @@ class LayoutItem:
         file: file that contains the recording.
         label: name of its class.
         span_us: first us and end (exclusive) of the recording. None: the complete file.
-        part: part of the recording, in lower case, if a list states it.
+        part: part of the recording, in lower case, "" if the data set does not state it.
     """
 
     name: str
@@ -210,14 +210,14 @@ class Layout:
         find: function from path and files to the recordings, with classes in the order of their labels; raises
             `EventFileError`.
         in_part: function that returns whether an item belongs to a part, such as ``train``, in lower case.
-        sensor_size: width and height, px. None: the files state them, or they differ.
+        sensor_size: width and height, px. None: the files state the size, or the sizes differ.
     """
 
     name: str
     title: str
     fits: Callable[[Files], bool]
     find: Callable[[str, Files], list[LayoutItem]]
-    in_part: Callable[[LayoutItem, str], bool] = _by_folder
+    in_part: Callable[[LayoutItem, str], bool] = _is_in_part_folder
     sensor_size: tuple[int, int] | None = None
 
 
@@ -233,38 +233,38 @@ def _find_in_folders(path: str, files: Files) -> list[LayoutItem]:
     events = recordings_in(files)
     if not events:
         raise EventFileError(path, f"no recordings, {_describe_others(files)}")
-    if flat := [name for name in events if "/" not in name]:
+    if loose_files := [name for name in events if "/" not in name]:
         raise EventFileError(
-            path, f"{flat[0]} is in no class folder (is this folder one? then specify its parent), and there is no "
-            f"{MANIFEST} with the columns {', '.join(MANIFEST_COLUMNS)}"
+            path, f"{loose_files[0]} is in no class folder (is this folder one? then specify its parent), and there is "
+            f"no {MANIFEST} with the columns {', '.join(MANIFEST_COLUMNS)}"
         )  # fmt: skip
-    return _by_label([LayoutItem(name, name, PurePosixPath(name).parent.name) for name in events])
+    return _sorted_by_label([LayoutItem(name, name, PurePosixPath(name).parent.name) for name in events])
 
 
 def _describe_others(files: Files) -> str:
     """Describe the files of a folder without recordings, and the remedy."""
-    if packed := sorted((name for name in files if name.lower().endswith((".zip", *ARCHIVES))), key=natural):
-        return f"but {packed[0]}: unpack it first, or specify its path if it is a zip"
+    if archives := sorted((name for name in files if name.lower().endswith((".zip", *ARCHIVES))), key=natural):
+        return f"but {archives[0]}: unpack it first, or specify its path if it is a zip"
     endings = sorted({PurePosixPath(name).suffix.lower() for name in files} - {""})
     existing = f" (there are only {', '.join(endings[:5])})" if endings else ""
     text = f"expected class folders with event files such as 3/00017.bin{existing}"
     return f"{text}; 'neuro events formats' lists the endings"
 
 
-def _by_label(items: list[LayoutItem]) -> list[LayoutItem]:
+def _sorted_by_label(items: list[LayoutItem]) -> list[LayoutItem]:
     return sorted(items, key=lambda item: natural(item.label))
 
 
-def _rows(files: Files) -> list[dict[str, str]]:
+def _manifest_rows(files: Files) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(files[MANIFEST]().decode("utf-8-sig", "replace"))))
 
 
 def _has_manifest(files: Files) -> bool:
-    return MANIFEST in files and bool(rows := _rows(files)) and set(MANIFEST_COLUMNS) <= set(rows[0])
+    return MANIFEST in files and bool(rows := _manifest_rows(files)) and set(MANIFEST_COLUMNS) <= set(rows[0])
 
 
 def _find_in_manifest(path: str, files: Files) -> list[LayoutItem]:
-    rows = _rows(files)
+    rows = _manifest_rows(files)
     for line, row in enumerate(rows, 2):
         if row["file"] not in files:
             raise EventFileError(path, f"{MANIFEST} line {line}: no file {row['file']!r}")
@@ -276,7 +276,7 @@ def _find_in_manifest(path: str, files: Files) -> list[LayoutItem]:
 
 def _find_poker(path: str, files: Files) -> list[LayoutItem]:
     matches = {name: _POKER.fullmatch(PurePosixPath(name).name) for name in files}
-    return _by_label([LayoutItem(name, name, match[1]) for name, match in matches.items() if match])
+    return _sorted_by_label([LayoutItem(name, name, match[1]) for name, match in matches.items() if match])
 
 
 def _find_poker_es(path: str, files: Files) -> list[LayoutItem]:
@@ -284,11 +284,11 @@ def _find_poker_es(path: str, files: Files) -> list[LayoutItem]:
     for name in files:
         if match := _POKER_ES.fullmatch(PurePosixPath(name).name):
             items.append(LayoutItem(name, name, _SUITS[match[2]], part=parts[match[1]]))
-    return _by_label(items)
+    return _sorted_by_label(items)
 
 
 def _all_in_folders(ending: str, folders: set[str]) -> Callable[[Files], bool]:
-    """Return a function that tells whether there are recordings, all with this ending and in one of the folders."""
+    """Return a function that returns whether there are recordings, all with this ending and in one of the folders."""
 
     def fits(files: Files) -> bool:
         events = [PurePosixPath(name) for name in recordings_in(files)]
@@ -298,7 +298,7 @@ def _all_in_folders(ending: str, folders: set[str]) -> Callable[[Files], bool]:
 
 
 def _all_match(pattern: re.Pattern[str]) -> Callable[[Files], bool]:
-    """Return a function that tells whether there are recordings whose names all match a pattern."""
+    """Return a function that returns whether there are recordings whose names all match a pattern."""
 
     def fits(files: Files) -> bool:
         events = recordings_in(files)

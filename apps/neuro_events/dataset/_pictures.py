@@ -35,7 +35,7 @@ class Picture:
     image: npt.NDArray[np.uint8]
 
     def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
-        """Return one event per grey level of each pixel, so that the counts of events equal the picture."""
+        """Return events at 0 us. The number of ON events of a pixel is its grey level."""
         y, x = np.nonzero(self.image)
         levels = self.image[y, x]
         n = int(levels.sum(dtype=np.int64))

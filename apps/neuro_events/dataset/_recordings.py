@@ -1,4 +1,4 @@
-"""Sequences of labelled recordings: listing, parts, folds, and the sensor of all."""
+"""Sequences of labelled recordings: listing, parts, folds, and one sensor size for all recordings."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Sample(Protocol):
         """Return the events; arguments and errors as for `neuro.events.load`."""
 
     def read(self) -> bytes:
-        """Return the bytes for a fingerprint: those of the file, or of the events if the file has several recordings.
+        """Return the bytes for a fingerprint: the bytes of the file, or of the events if the file has many recordings.
 
         Raises:
             EventFileError: the content cannot be read.
@@ -84,12 +84,12 @@ class Recording:
     """A recording in a file of a folder or zip.
 
     Attributes:
-        name: path inside the folder or zip, with ``/``; for a part of a file followed by ``#`` and its number.
+        name: path inside the folder or zip, with ``/``. If the file has several recordings, ``#`` and a number follow.
         path: path of the folder or zip followed by the name, for messages.
         label: index of its class in `Recordings.classes`; `neuro.events.dataset.UNKNOWN`, -1, if unknown.
         read: function that returns the bytes of the file.
-        span_us: first us and end (exclusive) of the recording in a file with several.
-        sensor_size: width and height that are known for its data set, px.
+        span_us: first us and end (exclusive) of the recording in a file with several recordings. None: all events.
+        sensor_size: width and height that all recordings of the data set have, px. None: see `sensor`.
     """
 
     name: str
@@ -175,14 +175,14 @@ class Recordings(Sequence[Sample]):
         Raises:
             ModelError: `indices` are not whole numbers (for a mask use `numpy.flatnonzero`), or one is out of range.
         """
-        chosen = np.asarray(indices)
-        if chosen.ndim != 1 or (chosen.size and chosen.dtype.kind not in "iu"):
-            hint = "numpy.flatnonzero(mask) gives the indices of a mask" if chosen.dtype == bool else ""
+        places = np.asarray(indices)
+        if places.ndim != 1 or (places.size and places.dtype.kind not in "iu"):
+            hint = "numpy.flatnonzero(mask) gives the indices of a mask" if places.dtype == bool else ""
             raise ModelError(f"take({indices!r:.60}): expected indices, whole numbers in one axis", hint=hint)
-        absent = chosen[(chosen < -len(self)) | (chosen >= len(self))]
+        absent = places[(places < -len(self)) | (places >= len(self))]
         if absent.size:
             raise ModelError(f"take: index {absent[0]}, expected {-len(self)} to {len(self) - 1}: {self!r}")
-        return Recordings(self.path, [self._items[int(k)] for k in chosen], self.classes, self.layout)
+        return Recordings(self.path, [self._items[int(k)] for k in places], self.classes, self.layout)
 
     def folds(self, n: int, *, seed: int) -> list[tuple[Ints, Ints]]:
         """Divide the recordings for cross-validation, with the same share of each class in every fold.
@@ -192,8 +192,8 @@ class Recordings(Sequence[Sample]):
             seed: seed of the random assignment, >= 0.
 
         Returns:
-            For each fold the indices for training and those for testing, both ascending. Each recording is tested once.
-            The sizes of folds, and the numbers of a class in them, differ by at most one.
+            For each fold the indices for training and the indices for testing, both ascending. Each recording is tested
+            once. The sizes of two folds, and their numbers of recordings of a class, differ by at most one.
 
         Raises:
             ModelError: a class has fewer recordings than there are folds, or the class of a recording is unknown.
@@ -220,9 +220,9 @@ class Recordings(Sequence[Sample]):
     def sensor_size(self, *, setting: str = "sensor_size=(width, height), or --sensor WxH") -> tuple[int, int]:
         """Return the width and height of the largest sensor of the recordings, px.
 
-        Files that state their sensor are only opened, others are read. A warning tells if sensors differ, or if no
-        sensor is stated. In the second case the size is the smallest that contains the events of these recordings;
-        further recordings of the same camera may exceed it.
+        Files that state their sensor are only opened, others are read. There is a warning if sensors differ, or if a
+        recording does not state its sensor. In the second case the size is the smallest that contains the events of
+        these recordings; further recordings of the same camera may exceed it.
 
         Args:
             setting: name of the user's setting for another size, for the warning.
@@ -258,7 +258,11 @@ class Recordings(Sequence[Sample]):
 
 
 def _sensor_doubt(sensors: Sequence[tuple[tuple[int, int], bool, str]]) -> str:
-    """Return why the largest sensor may be wrong, "" if certain, from (size, True if stated, name) of recordings."""
+    """Return the reason why the largest sensor may be wrong, or "" if it is certain.
+
+    Args:
+        sensors: for each recording its sensor size, True if the file states the size, and its name.
+    """
     unstated = [name for _, stated, name in sensors if not stated]
     if unstated:
         return f"{len(unstated)} of {len(sensors)} recordings do not state their sensor, such as {unstated[0]}"
@@ -297,16 +301,16 @@ def recordings(
         path: the folder, zip, HDF5 file or recording.
         part: part of the data, such as ``Train`` or ``Test``, in any case. None: all.
         classes: class names in the order of their labels, for example those of the training data. None: the classes of
-            the data, folders sorted by name (numbers by value), those of a manifest by their labels.
+            the data: folders sorted by name (numbers by value), or the classes of a manifest sorted by their labels.
         layout: name of the layout of a folder or zip. None: detected.
         ending: ending of the files of a folder or zip to list, such as ``bin``. None: all.
-        whole: accept data without parts as any part, and data with only one part as the other one, with a warning.
+        whole: accept data without parts as any part. Accept data with only one part as the other part, with a warning.
             False: only data of the requested part are accepted.
         label: class name of a single recording. None: its label is -1, `neuro.events.dataset.UNKNOWN`.
 
     Returns:
-        The recordings, sorted by name (numbers by value). They are read on access, so a damaged one is reported by
-        `load`, with an `EventFileError` that names its path.
+        The recordings, sorted by name (numbers by value). A recording is read on access, so its `load` reports damage,
+        with an `EventFileError` that names its path.
 
     Raises:
         EventFileError: no such path, no recordings, a class that is not in ``classes``, or an invalid manifest.
@@ -327,9 +331,9 @@ def recordings(
         return Recordings(place, stills, class_names, "pictures")
     if _is_recording(place):
         _refuse_options(place, "a single recording", options)
-        return _single(Path(path), place, classes, label)
+        return _single_recording(Path(path), place, classes, label)
     _refuse_options(place, "not a single recording", {"label": label})
-    return labelled(place, part, classes, layout, ending, whole)
+    return list_recordings(place, part, classes, layout, ending, whole)
 
 
 def _refuse_options(place: str, kind: str, options: Mapping[str, str | None]) -> None:
@@ -357,7 +361,7 @@ def _is_recording(place: str) -> bool:
     return True
 
 
-def _single(path: Path, place: str, classes: Sequence[str] | None, label: str | None) -> Recordings:
+def _single_recording(path: Path, place: str, classes: Sequence[str] | None, label: str | None) -> Recordings:
     class_names = tuple(classes if classes is not None else () if label is None else (label,))
     if label is not None and label not in class_names:
         raise EventFileError(place, f"class {label!r} is new, expected one of {', '.join(class_names)}")
@@ -369,7 +373,7 @@ PARTS = ("train", "test")
 """Names of parts that identify data with parts."""
 
 
-def labelled(
+def list_recordings(
     where: str,
     part: str | None,
     classes: Sequence[str] | None,
@@ -382,12 +386,12 @@ def labelled(
     if ending is not None:
         tail = f".{ending.lower().lstrip('.')}"
         files = {name: read for name, read in files.items() if name.lower().endswith((tail, ".csv", ".txt"))}
-    chosen = layout_of(where, files, layout)
-    items = [item for item in chosen.find(where, files) if ending is None or item.file.lower().endswith(tail)]
+    data_layout = layout_of(where, files, layout)
+    items = [item for item in data_layout.find(where, files) if ending is None or item.file.lower().endswith(tail)]
     if not items:
         raise EventFileError(where, f"no recordings with names that end in {tail}")
     classes_in_order = list(dict.fromkeys(item.label for item in items))
-    items = _items_of_part(where, chosen, sorted(items, key=lambda item: natural(item.name)), part, whole)
+    items = _items_of_part(where, data_layout, sorted(items, key=lambda item: natural(item.name)), part, whole)
     labels = {item.label for item in items}
     present_classes = [c for c in classes_in_order if c in labels]
     if classes is None:
@@ -395,9 +399,9 @@ def labelled(
     if absent := [c for c in present_classes if c not in classes]:
         raise EventFileError(where, f"class {absent[0]!r} is new, expected one of {', '.join(classes)}")
     index = {c: k for k, c in enumerate(classes)}
-    size = chosen.sensor_size
+    size = data_layout.sensor_size
     members = [Recording(i.name, f"{where}/{i.name}", index[i.label], files[i.file], i.span_us, size) for i in items]
-    return Recordings(where, members, classes, chosen.name)
+    return Recordings(where, members, classes, data_layout.name)
 
 
 def _items_of_part(

@@ -37,7 +37,7 @@ def opened(path: str, is_checked: bool = False) -> Any:
 
     Args:
         path: the file.
-        is_checked: skip the check.
+        is_checked: True if the digest was checked before. The check is then skipped.
 
     Raises:
         EventFileError: the file is damaged or was changed.
@@ -146,7 +146,7 @@ def stored_samples(path: str, classes: Sequence[str] | None = None) -> tuple[tup
 
     Args:
         path: the HDF5 file.
-        classes: names in the order of their labels. None: those that the file states, else its groups by name.
+        classes: names in the order of their labels. None: the names that the file states, else its groups by name.
 
     Raises:
         EventFileError: the file has no samples, or a class that is not in ``classes``.
@@ -234,7 +234,7 @@ DAMAGED = "damaged"
 """Attribute of the file: number and fault of each damaged sample, as JSON."""
 
 STAMPS = "stamps"
-"""Attribute of a batch file: the stamp of each sample by its number, as JSON. In the final file: a digest of all."""
+"""Attribute of a batch file: the stamp of each sample by its number, as JSON. In the final file: one digest of them."""
 
 _LOST = "a process that packs samples {}, {} times: it was killed or ran out of memory; the same call resumes"
 
@@ -275,13 +275,13 @@ def store(
         return _result_of_file(path, samples, plan, damaged)
     folder = path.with_name(f"{path.name}.parts")
     _prepare_folder(folder, f"{plan} {damaged}")
-    packed = _packed_numbers(folder, samples)
-    missing = [k for k in range(len(samples)) if k not in packed]
-    progress("reading", len(packed), len(samples))
+    packed_numbers = _packed_numbers(folder, samples)
+    missing_numbers = [k for k in range(len(samples)) if k not in packed_numbers]
+    progress("reading", len(packed_numbers), len(samples))
     job = ConversionJob(tuple(samples), sensor_size, damaged, str(folder))
-    size = max(1, min(BATCH, len(missing) // (8 * (jobs or cores()))))
-    batches = [missing[k : k + size] for k in range(0, len(missing), size)]
-    count = len(packed)
+    size = max(1, min(BATCH, len(missing_numbers) // (8 * (jobs or cores()))))
+    batches = [missing_numbers[k : k + size] for k in range(0, len(missing_numbers), size)]
+    count = len(packed_numbers)
     for n_packed in _pack_all(job, batches, jobs or cores()):
         count += n_packed
         progress("reading", count, len(samples))
@@ -294,6 +294,7 @@ def store(
 
 
 def _plan(samples: Sequence[Any], classes: Sequence[str], size: tuple[int, int] | None) -> str:
+    """Return the digest `PLAN`."""
     digest = hashlib.sha256(repr((1, tuple(classes), size)).encode())
     for sample in samples:
         digest.update(f"\0{sample.name}\0{sample.label}".encode())
@@ -312,7 +313,7 @@ def _result_of_file(path: Path, samples: Sequence[Any], plan: str, choice: str) 
     """Return the result of an existing file.
 
     Raises:
-        EventFileError: the file is another one, or damaged.
+        EventFileError: the file is damaged, or is not the result of the same call.
     """
     if hdf5.has_format(path, FORMAT):
         with opened(str(path)) as file:
@@ -349,7 +350,7 @@ def _packed_numbers(folder: Path, samples: Sequence[Any]) -> set[int]:
 
     Damaged and incomplete batch files, and those with a sample that was changed later, are removed.
     """
-    packed: set[int] = set()
+    numbers: set[int] = set()
     for stray in folder.glob(".*.part"):
         stray.unlink(missing_ok=True)
     for part in folder.glob("*.h5"):
@@ -361,8 +362,8 @@ def _packed_numbers(folder: Path, samples: Sequence[Any]) -> set[int]:
         if any(samples[int(number)].stamp() != stamp for number, stamp in stamps.items()):
             part.unlink()
             continue
-        packed |= {*map(int, stamps)}
-    return packed
+        numbers |= {*map(int, stamps)}
+    return numbers
 
 
 def _pack_all(job: ConversionJob, batches: Sequence[Sequence[int]], jobs: int) -> Iterator[int]:
@@ -384,7 +385,7 @@ def _pack_all(job: ConversionJob, batches: Sequence[Sequence[int]], jobs: int) -
 def _unique_names(samples: Sequence[Any], classes: Sequence[str]) -> list[str]:
     """Return a unique ``class/sample`` for each sample.
 
-    The sample is the file's name without ending, or the complete path if the class has that name twice.
+    ``sample`` is the name of its file without ending, or the complete path if the class has this name twice.
     """
     stems = [f"{classes[s.label]}/{_stem(s.name)}" for s in samples]
     counts = Counter(stems)
@@ -398,16 +399,21 @@ def _stem(name: str) -> str:
 
 
 def _join(
-    folder: Path, path: Path, samples: Sequence[Any], classes: Sequence[str], notes: Mapping[str, str], progress: Report
+    folder: Path,
+    path: Path,
+    samples: Sequence[Any],
+    classes: Sequence[str],
+    attributes: Mapping[str, str],
+    progress: Report,
 ) -> None:
-    """Copy all batch files into one, in the order of the samples. The bytes do not depend on interruptions."""
+    """Copy all batch files into one file, in the order of the samples. Interruptions do not change the bytes."""
     names = _unique_names(samples, classes)
     places, damaged = _contents(folder)
     n_done, order = 0, sorted(places)
     progress("writing", n_done, len(order))
     with output(path, Kind("a data set")) as part, hdf5.new_file(part, FORMAT, libver=("v108", "v108")) as out:
-        for small, numbers in itertools.groupby(order, key=places.__getitem__):
-            with h5py.File(small, "r") as file:
+        for batch_file, numbers in itertools.groupby(order, key=places.__getitem__):
+            with h5py.File(batch_file, "r") as file:
                 for number in numbers:
                     group, _, name = names[number].partition("/")
                     target = out.require_group(group)
@@ -417,15 +423,15 @@ def _join(
             progress("writing", n_done, len(order))
         out.attrs[CLASSES] = json.dumps(list(classes))
         out.attrs[DAMAGED] = json.dumps(damaged)
-        out.attrs.update(notes)
+        out.attrs.update(attributes)
 
 
 def _contents(folder: Path) -> tuple[dict[int, Path], dict[str, str]]:
     """Return the batch file of each sample, and the faults of the damaged samples."""
     places, damaged = dict[int, Path](), dict[str, str]()
-    for small in folder.glob("*.h5"):
-        with h5py.File(small, "r") as file:
-            places |= dict.fromkeys(map(int, file), small)
+    for batch_file in folder.glob("*.h5"):
+        with h5py.File(batch_file, "r") as file:
+            places |= dict.fromkeys(map(int, file), batch_file)
             damaged |= json.loads(file.attrs[DAMAGED])
     return places, {number: damaged[number] for number in sorted(damaged, key=int)}
 
@@ -482,7 +488,7 @@ def pack(job: ConversionJob, numbers: Sequence[int]) -> int:
     ):
         stamps = {str(number): job.samples[number].stamp() for number in numbers}
         for number in numbers:
-            events, fault = _loaded(job, job.samples[number])
+            events, fault = _load_sample(job, job.samples[number])
             if fault:
                 damaged[str(number)] = fault
             if events is not None:
@@ -491,7 +497,7 @@ def pack(job: ConversionJob, numbers: Sequence[int]) -> int:
     return len(numbers)
 
 
-def _loaded(job: ConversionJob, sample: Any) -> tuple[Any, str]:
+def _load_sample(job: ConversionJob, sample: Any) -> tuple[Any, str]:
     """Return the events of a sample (None: skipped) and the fault of the sample, "" if none."""
     if job.damaged != "mend":
         try:

@@ -1,9 +1,10 @@
 # mypy: ignore-errors
 """Compiled decoder of AEDAT 4 packets and of common LZ4 frames, with a check of all offsets and lengths.
 
-A block of LZ4 is a series of sequences: a token (4 bits number of literals, 4 bits length of the match less 4; 15 means
-that further bytes are added, up to the first below 255), the literals, and the distance back to the match (uint16).
-The last sequence has literals only.
+A block of LZ4 is a series of sequences. A sequence has a token, the literals, and the distance back to the match
+(uint16). The upper 4 bits of the token are the number of literals, the lower 4 bits the length of the match less 4. If
+4 bits are 15, the bytes that follow are added, up to and including the first byte below 255. The last sequence has
+literals only.
 
 Sequences of packed events are short. The path for short sequences therefore has no loops, and reads a match in parts
 no longer than the earlier writes: a processor can forward a pending write to a read only if the write contains all
@@ -33,7 +34,8 @@ WIDE = 16
 HEADER = 7
 """Size of a frame header without length and dictionary, bytes."""
 TAIL, MATCH_TAIL, PACKED_TAIL = 5, 12, 8
-"""Smallest number of bytes after the end of a match, after its beginning, and (packed) after the literals before it."""
+"""Smallest numbers of bytes in a block: unpacked bytes after the end of a match and after its beginning, and packed
+bytes after the literals that a match follows."""
 
 
 @subkernel
@@ -140,8 +142,8 @@ def frame(data, at, end, plain):
         plain: (m,) uint8, m > `WIDE`, output.
 
     Returns:
-        The number of unpacked bytes; -1 if the frame is damaged or has more than m - `WIDE` bytes, and possibly if it
-        ends within `WIDE` bytes of the end of the data.
+        The number of unpacked bytes, or -1 if the frame is damaged or has more than m - `WIDE` unpacked bytes. A frame
+        that ends less than `WIDE` bytes before the end of the data may also give -1.
     """
     source, first = address(data), address(plain)
     readable, limit = source + data.size, first + plain.size - WIDE
@@ -216,7 +218,7 @@ def address(array):
 
 @intrinsic
 def never_inline(typing):
-    """Prevent that the calling function is inlined into its callers, whose fast path would slow down."""
+    """Keep the calling function from being inlined into its callers, because their fast path would slow down."""
 
     def build(context, builder, signature, arguments):
         builder.function.attributes.add("noinline")
@@ -237,15 +239,15 @@ def split(plain, start, count, n, t, x, y, p):
         plain: uint8.
         start: offset of the first record.
         count: number of records; all lie within `plain`.
-        n: number of events before.
-        t: int64, written from n on, as are the other columns.
+        n: number of events that the columns already hold.
+        t: int64, us, written from index n on, as are the other columns.
         x: uint16.
         y: uint16.
         p: uint8, 0 or 1.
 
     Returns:
-        The largest x and y (a negative one counts as 2^16 plus itself), and True if time never runs back from event n -
-        1 on.
+        The largest x and y (a coordinate of -1 counts as 2^16 - 1), and True if time never runs back from event n - 1
+        on.
     """
     events = address(plain) + start
     x_max = 0
@@ -278,8 +280,8 @@ def _matches(data, at, expected):
 
 
 @subkernel
-def _unpacked(data, at, size, head, plain):
-    """Unpack a packet, and return its unpacked size, -1 if it begins differently or is too long."""
+def _unpack_packet(data, at, size, head, plain):
+    """Unpack a packet, and return its unpacked size, or -1 if the packet does not begin with `head` or is too long."""
     if len(head) == 0 and size + WIDE <= plain.size:
         copy_exactly(address(plain), address(data) + at, size)
         return size
@@ -315,8 +317,8 @@ def walk(data, counts, pattern, plain, begins, places, n, columns):
         plain: uint8, buffer for an unpacked packet.
         begins: int64, output: the first event of each packet with events.
         places: int64 of the same length, output: the offset of each of these packets in `data`.
-        n: number of events before.
-        columns: written from n on: t, int64; x and y, uint16; p, uint8, 0 or 1.
+        n: number of events that the columns already hold.
+        columns: written from index n on: t, int64, us; x and y, uint16; p, uint8, 0 or 1.
 
     Returns:
         The number of bytes used, the number of packets with events, the new number of events, the largest (x, y), and
@@ -332,7 +334,7 @@ def walk(data, counts, pattern, plain, begins, places, n, columns):
         if stream >= counts.size or counts[stream] < 0 or size > min(LIMIT, data.size - at - ENTRY):
             break
         if stream == number:
-            length = _unpacked(data, at + ENTRY, size, head, plain)
+            length = _unpack_packet(data, at + ENTRY, size, head, plain)
             if length < start or load4(first) != length - 4 or not _matches(plain, 4, lead):
                 break
             count = load4(first + start - 4)

@@ -76,7 +76,7 @@ def find_names(names: Iterable[str]) -> Names | None:
     unit = None
     for name in names:
         parts = [word for word in re.findall("[a-zµ]+", name.lower().replace("µ", "u")) if not word.startswith("ev")]
-        field = next((key for key, all_ in NAMES.items() if parts and parts[0] in all_), None)
+        field = next((key for key, aliases in NAMES.items() if parts and parts[0] in aliases), None)
         if field is None or field in matches or (len(parts) > 1 and not (field == "t" and parts[-1] in UNITS)):
             continue
         matches[field] = name
@@ -86,11 +86,11 @@ def find_names(names: Iterable[str]) -> Names | None:
 
 
 def unit_of(t: Array) -> int:
-    """Return the exponent of the unit of times without a named unit, from a sample: fractions mean seconds."""
+    """Return the exponent of the unit of times whose column states no unit: s if one has a fraction, otherwise us."""
     return SECONDS if t.dtype.kind == "f" and bool(np.any(np.isfinite(t) & (t != np.rint(t)))) else US
 
 
-def order_of(columns: Array, pointed: Sequence[bool] = (False,) * 4) -> str:
+def order_of(columns: Array, has_points: Sequence[bool] = (False,) * 4) -> str:
     """Return the order of four columns without names: the most likely one with valid coordinates and polarities.
 
     An order is preferred if its times have decimal points and its coordinates have none. If time runs back in the most
@@ -99,40 +99,42 @@ def order_of(columns: Array, pointed: Sequence[bool] = (False,) * 4) -> str:
 
     Args:
         columns: (n, 4) the first rows.
-        pointed: for each column, True if its numbers have decimal points.
+        has_points: for each column, True if its numbers have decimal points.
 
     Returns:
         One of `ORDERS`; the first if no order is possible.
 
     Raises:
-        Ambiguous: time runs back in the most likely order, and rises in another order, but fewer than `MANY` times; or
+        Ambiguous: time runs back in the most likely order, and only fewer than `MANY` rises support another order. Or
             time is constant in the most likely order, and another column may be the time.
     """
-    possible = [order for order in ORDERS if fits(columns, order, in_time=False)] or [ORDERS[0]]
-    with_seconds = [order for order in possible if in_seconds(pointed, order)]
-    first = (with_seconds or possible)[0]
+    possible_orders = [order for order in ORDERS if fits(columns, order, in_time=False)] or [ORDERS[0]]
+    with_seconds = [order for order in possible_orders if in_seconds(has_points, order)]
+    first = (with_seconds or possible_orders)[0]
     t = columns[:, first.index("t")]
     if len(t) < 2 or not np.isfinite(t).all():
         return first
     if fits(columns, first, in_time=True):
-        likelier = possible[: possible.index(first)] if with_seconds else possible
-        others = [] if _rises(columns, first) else [order for order in likelier if _may_be_time(columns, order)]
+        likelier = possible_orders[: possible_orders.index(first)] if with_seconds else possible_orders
+        other_orders = [] if _rises(columns, first) else [order for order in likelier if _may_be_time(columns, order)]
         why = f"stands still at {t[0]:.15g}"
     else:
-        others = [order for order in possible if fits(columns, order, in_time=True) and _rises(columns, order)]
-        certain = [order for order in others if _rises(columns, order) >= MANY]
-        if len(certain) == 1:
-            return certain[0]
+        other_orders = [
+            order for order in possible_orders if fits(columns, order, in_time=True) and _rises(columns, order)
+        ]
+        certain_orders = [order for order in other_orders if _rises(columns, order) >= MANY]
+        if len(certain_orders) == 1:
+            return certain_orders[0]
         k = int(np.argmax(t[1:] < t[:-1]))
         why = f"runs back from {t[k]:.15g} to {t[k + 1]:.15g}"
-    if not others:
+    if not other_orders:
         return first
-    raise Ambiguous(first, others, f"time {why}{'' if with_seconds or unit_of(t) else ' us'}")
+    raise Ambiguous(first, other_orders, f"time {why}{'' if with_seconds or unit_of(t) else ' us'}")
 
 
-def in_seconds(pointed: Sequence[bool], order: str) -> bool:
+def in_seconds(has_points: Sequence[bool], order: str) -> bool:
     """Return whether times have decimal points and coordinates have none, as times in seconds have."""
-    t, x, y = (pointed[order.index(name)] for name in "txy")
+    t, x, y = (has_points[order.index(name)] for name in "txy")
     return t and not (x or y)
 
 
@@ -177,7 +179,7 @@ def to_piece(columns: Mapping[str, Array], unit: int, first: int, place: int | N
         place: byte of the file at which the columns are stored.
 
     Returns:
-        The events before the first invalid one, and the fault of that one (None: all events are valid).
+        The events before the first invalid event, and the fault of this event (None: all events are valid).
     """
     faults = [
         fault

@@ -164,10 +164,10 @@ def set_clock(now, time, words, n):
 
 @kernel
 def encode3(t, x, y, p, state, words):
-    """Encode events. Three or more neighbours with one row, time and polarity, in rising order, become vectors.
+    """Encode events. Three or more events of one row, time and polarity, with rising columns, are encoded as vectors.
 
     Args:
-        t: (n,) int64.
+        t: (n,) int64, us.
         x: (n,) uint16.
         y: (n,) uint16.
         p: (n,) uint8.

@@ -37,11 +37,11 @@ _ROW = 13
 
 @dataclass(slots=True)
 class OpenRecording:
-    """A recording in an open file: four datasets, or one of rows.
+    """A recording in an open file: four datasets of columns, or one dataset of rows.
 
     Attributes:
         node: the open group or dataset with the attributes.
-        datasets: the datasets of t, x, y and p, or the one of rows.
+        datasets: the datasets of t, x, y and p, or one dataset of rows.
         keys: field or column of a row for t, x, y and p; () for four datasets.
         unit: exponent of the unit of time (see `_columns.UNITS`), None if the first times decide.
         offset: added to all times, us.
@@ -96,7 +96,10 @@ class OpenRecording:
         return len(self.datasets[0])
 
     def _seek(self, step: int, start_us: int) -> int:
-        """Return a multiple of `step` before which all events are earlier, 0 if the times are not in order."""
+        """Return the number of an event, a multiple of `step`. All events before it are earlier than `start_us`.
+
+        The result is 0 if the times are not in order.
+        """
         unit, scale = self.unit or 0, 10 ** abs(self.unit or 0)
 
         def first(number: int) -> int:
@@ -190,17 +193,17 @@ def order_of_table(table: Any) -> str:
         Damage: no order or several orders fit, or the table cannot be read.
     """
     rows, likely = _first_rows(table), _usual_order(table)
-    possible = [order for order in ORDERS if fits(rows, order, in_time=False)]
-    certain = [order for order in possible if fits(rows, order, in_time=True)] or possible
-    if likely in certain:
+    possible_orders = [order for order in ORDERS if fits(rows, order, in_time=False)]
+    certain_orders = [order for order in possible_orders if fits(rows, order, in_time=True)] or possible_orders
+    if likely in certain_orders:
         return likely
-    if len(certain) == 1 or not len(rows):
-        return certain[0]
-    if not certain:
+    if len(certain_orders) == 1 or not len(rows):
+        return certain_orders[0]
+    if not certain_orders:
         message = "expected t x y p, x y t p or x y p t, with whole coordinates and polarities -1, 0 or 1"
         raise Damage(f"{table.name} has rows such as {rows[0].tolist()}, {message}", None)
-    names = " or ".join(" ".join(order) for order in certain)
-    name = f"hdf5:{table.name}:{certain[0]}"
+    names = " or ".join(" ".join(order) for order in certain_orders)
+    name = f"hdf5:{table.name}:{certain_orders[0]}"
     hint = f"name the order, as in format={name!r} or --from {name}"
     raise Damage(f"the rows of {table.name} may be {names}: {hint}", None)
 
@@ -271,7 +274,7 @@ def member(group: Any, name: str) -> Any:
 
 
 def _is_stored_in(file: Any, dataset: Any) -> bool:
-    """Return whether a dataset is stored in this file. Links and storage may name any file that the user can read."""
+    """Return whether a dataset is stored in this file. A link or external storage may refer to any file on the disk."""
     from h5py import h5o
 
     return (
@@ -303,14 +306,14 @@ def _split_place(where: str) -> tuple[str, str]:
 
 
 def _at(file: Any, place: str, order: str) -> OpenRecording:
-    """Return the recording at a place, or the only one below."""
+    """Return the recording at a place, or the only recording below this place."""
     node = member(file, place)
     if isinstance(node, h5py.Group) and not _columns(node):
         candidates = list(_candidates(node))
         if len(candidates) > 1:
             raise Damage(_several(candidates), None)
         node = candidates[0] if candidates else node
-    elif isinstance(node, h5py.Dataset) and not _rows(node) and not is_table(node):
+    elif isinstance(node, h5py.Dataset) and not _has_rows(node) and not is_table(node):
         raise Damage(f"{node.name} has items of {node.dtype} in shape {node.shape}, expected rows of events", None)
     if node is None or (isinstance(node, h5py.Group) and not _columns(node)):
         names = ", ".join(candidate.name for candidate in islice(_candidates(file), 4))
@@ -326,7 +329,7 @@ def _recording(file: Any, node: Any, order: str) -> OpenRecording:
 
 def _several(nodes: list[Any]) -> str:
     message = f"{len(nodes)} recordings or more ({', '.join(node.name for node in nodes[:3])}), expected one"
-    if all(_rows(node) for node in nodes):
+    if all(_has_rows(node) for node in nodes):
         return f"is a data set with {message}; neuro.events.Dataset reads it"
     name = f"hdf5:{nodes[0].name}"
     return f"has {message}: name it, as in format={name!r} or --from {name}"
@@ -337,7 +340,7 @@ def _candidates(group: Any, depth: int = DEPTH) -> Iterator[Any]:
     for name in list(group)[: None if depth == DEPTH else LIMIT]:
         node = member(group, name)
         if isinstance(node, h5py.Dataset):
-            if _rows(node) or (is_table(node) and name.lower().startswith("event")):
+            if _has_rows(node) or (is_table(node) and name.lower().startswith("event")):
                 yield node
         elif isinstance(node, h5py.Group) and depth > 1:
             if _columns(node):
@@ -346,7 +349,7 @@ def _candidates(group: Any, depth: int = DEPTH) -> Iterator[Any]:
                 yield from _candidates(node, depth - 1)
 
 
-def _rows(node: Any) -> bool:
+def _has_rows(node: Any) -> bool:
     return find_names(node.dtype.names or ()) is not None if hasattr(node, "dtype") else False
 
 
@@ -377,7 +380,7 @@ FAILURES = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeErr
 """Errors that h5py raises for a damaged file."""
 
 SHUFFLE, FLETCHER = 2, 3
-"""Filters that keep the size of a chunk, except for a checksum of 4 bytes with the latter."""
+"""Filters that do not change the size of a chunk, except that `FLETCHER` adds a checksum of 4 bytes."""
 
 
 class Padded(io.BytesIO):
@@ -484,7 +487,7 @@ def _chunk_fault(dataset: Any) -> Callable[[Any], str]:
 
 
 def place(dataset: Any, item: int) -> int | None:
-    """Return the byte at which the (first) chunk of an item begins, None if unknown or beyond the end of the file."""
+    """Return the byte at which the chunk with an item begins, None if unknown or beyond the end of the file."""
     try:
         offset: int | None = dataset.id.get_chunk_info_by_coord((item, *(0 for _ in dataset.shape[1:]))).byte_offset
         return offset if offset is not None and offset < dataset.file.id.get_filesize() else None

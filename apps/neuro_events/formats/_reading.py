@@ -201,7 +201,7 @@ class SeekPoint:
     Attributes:
         place: first byte of a block.
         clock: a time of the clock in this block, before any requested event. None at the beginning of the file.
-        added: sum that the wraps of the clock so far add to its times.
+        added: sum that the wraps of the clock before this block add to its times.
     """
 
     place: int
@@ -212,6 +212,12 @@ class SeekPoint:
 def seek_point(start: int, clocks: Iterable[tuple[int, int]], time: int, period: int) -> SeekPoint:
     """Return the last block that begins before a time.
 
+    One time per block suffices, without decoding, as long as times do not run back. A wrap of the clock appears as a
+    fall of these times from the last sixteenth of its range to the first. A wrap goes unnoticed only if one block of
+    1 MiB spans a whole range: in DAT fewer than 31 events/s during 71 minutes, in EVT 2.0 fewer than 15 events/s during
+    4.8 hours, within a long recording. Any other fall means damage or unordered events. In this case the file is
+    decoded from the beginning.
+
     Args:
         start: first byte of the events, the fallback.
         clocks: for each block its first byte and a time of the clock in the block, not before any event of the earlier
@@ -221,12 +227,6 @@ def seek_point(start: int, clocks: Iterable[tuple[int, int]], time: int, period:
 
     Returns:
         The block. In an intact file all events before the block are earlier than `time`.
-
-    One time per block suffices, without decoding, as long as times do not run back. A wrap of the clock appears as a
-    fall of these times from the last sixteenth of its range to the first. A wrap goes unnoticed only if one block of
-    1 MiB spans a whole range: in DAT fewer than 31 events/s during 71 minutes, in EVT 2.0 fewer than 15 events/s during
-    4.8 hours, within a long recording. Any other fall means damage, or unordered events; then the file is decoded from
-    the beginning.
 
     Example: for start = 10, times 100, 240 and 3 at bytes 10, 40 and 50, and period = 256, a search for 260 wraps at
     byte 50, where the clock shows 3 + 256 = 259, and returns byte 50.
@@ -254,8 +254,8 @@ def bisect_blocks(first: Callable[[int], int], blocks: int, time: int) -> int:
         time: the time.
 
     Returns:
-        The number of the second-last block that begins before the time, so that a time that runs back at the beginning
-        of the next block is noticed. 0 if the sampled times are not in order.
+        The number of the block before the last one that begins before the time. Reading starts a block early, so that a
+        time that runs back between the two blocks is noticed. 0 if the sampled times are not in order.
     """
     low, high, samples = 0, blocks, []
     while high - low > 1:

@@ -99,7 +99,7 @@ def time_high(state, value):
     return state[ADDED] + (value << 6)
 
 
-def _counting(layout):
+def _counting_rule(layout):
     """Return the rule for words that are counted, or at which decoding stops."""
     read, byte = word(layout.odd.size, layout.is_big), layout.odd.byte
     kind = np.uint64 if layout.odd.size == 8 else U
@@ -158,7 +158,7 @@ def decoder(layout, how=kernel):
         how: `kernel`, or `subkernel` for a decoder that kernels call.
     """
     x_of, y_of, p_of, t_of = (field(getattr(layout, name), layout.is_big) for name in "xypt")
-    is_odd, others = oddity(layout), inlined(_OTHERS.get(layout.others) or _counting(layout))
+    is_odd, others = oddity(layout), inlined(_OTHERS.get(layout.others) or _counting_rule(layout))
     size, rule, least = layout.size, layout.rule, layout.least or layout.size
     group, clocked, waits = layout.group, rule in (WRAPS, HALF), layout.waits
     time_of = _signed if layout.is_signed else _unsigned
@@ -174,15 +174,15 @@ def decoder(layout, how=kernel):
         x_max = y_max = fell = last = U(0)
         odd = is_odd(data, at) & 0
         for k in range(t.size):
-            here = at + size * k
-            raw = t_of(data, here)
-            column = x_of(data, here)
-            row = y_of(data, here)
-            odd |= is_odd(data, here)
+            offset = at + size * k
+            raw = t_of(data, offset)
+            column = x_of(data, offset)
+            row = y_of(data, offset)
+            odd |= is_odd(data, offset)
             t[k] = now = begin + time_of(raw)
             x[k] = column
             y[k] = row
-            p[k] = p_of(data, here)
+            p[k] = p_of(data, offset)
             if rule == GAPS:
                 begin = now
             x_max = max(x_max, U(column))
@@ -193,7 +193,7 @@ def decoder(layout, how=kernel):
         return x_max, y_max, rule == GAPS or fell == 0, odd
 
     @subkernel
-    def leading(data, at, count):
+    def count_leading_events(data, at, count):
         """Return the number of events in the groups before the first word that is not an event."""
         k = 0
         while k < count:
@@ -207,7 +207,7 @@ def decoder(layout, how=kernel):
         return k
 
     @subkernel
-    def each(data, at, stop, begin, clock, before, state, t, x, y, p):
+    def one_by_one(data, at, stop, begin, clock, last_time, state, t, x, y, p):
         """Decode words one by one, up to the byte `stop`. A separate function keeps its variables in registers.
 
         Returns:
@@ -250,13 +250,13 @@ def decoder(layout, how=kernel):
             p[place] = polarity
             x_max = max(x_max, U(column))
             y_max = max(y_max, U(row))
-            ordered &= now >= before
-            before = now
+            ordered &= now >= last_time
+            last_time = now
             if rule == GAPS:
                 begin = now
             n += 1
             at += size
-        return n, at, begin, clock, before, x_max, y_max, ordered
+        return n, at, begin, clock, last_time, x_max, y_max, ordered
 
     def decode(data, state, t, x, y, p):
         """Decode bytes that begin with a word.
@@ -275,13 +275,13 @@ def decoder(layout, how=kernel):
         n = at = np.int64(0)
         x_max = y_max = U(0)
         ordered = True
-        begin, clock, before = state[BEGIN], state[CLOCK], NEVER
-        patience = 1
+        begin, clock, last_time = state[BEGIN], state[CLOCK], NEVER
+        patience = 1  # number of groups to decode word by word, doubled at each block that does not begin with events
         clean = SURE  # number of blocks in a row with events only
         while at + least <= data.size and not state[STOPPED]:
             count = min(BLOCK, (data.size - at) // size)
             waiting = waits and not state[STARTED]
-            lead = 0 if waiting else count if clean >= SURE else leading(data, at, count)
+            lead = 0 if waiting else count if clean >= SURE else count_leading_events(data, at, count)
             end = n + lead
             if lead:
                 column, row, rises, odd = run(data, at, begin, t[n:end], x[n:end], y[n:end], p[n:end])
@@ -296,18 +296,18 @@ def decoder(layout, how=kernel):
                 if not clocked or (rises and first >= clock and (rule == WRAPS or last - clock <= PERIOD // 2)):
                     x_max = max(x_max, column)
                     y_max = max(y_max, row)
-                    ordered &= rises and t[n] >= before
-                    before = t[end - 1]
+                    ordered &= rises and t[n] >= last_time
+                    last_time = t[end - 1]
                     if clocked:
                         clock = last
                     if rule == GAPS:
-                        begin = before
+                        begin = last_time
                     n = end
                     at += size * lead
                     stop = at + size * min(group, count - lead)
             stop = min(stop, data.size + 1 - least)
-            count, at, begin, clock, before, column, row, rises = each(
-                data, at, stop, begin, clock, before, state, t[n:], x[n:], y[n:], p[n:]
+            count, at, begin, clock, last_time, column, row, rises = one_by_one(
+                data, at, stop, begin, clock, last_time, state, t[n:], x[n:], y[n:], p[n:]
             )
             n += count
             x_max, y_max = max(x_max, column), max(y_max, row)
@@ -342,9 +342,9 @@ def is_wrong(data, at):
     """Return whether the header of a packet is invalid, because a size, count or time is impossible."""
     size, offset = number(data, at + 4), number(data, at + 8)
     capacity, count, valid = number(data, at + 16), number(data, at + 20), number(data, at + 24)
-    counts = size <= 0 or not 0 <= valid <= count <= capacity
-    polarity = _word_2(data, at) == POLARITY
-    return counts or not 0 <= offset < size or number(data, at + 12) < 0 or (polarity and size != EVENT)
+    has_wrong_counts = size <= 0 or not 0 <= valid <= count <= capacity
+    is_polarity = _word_2(data, at) == POLARITY
+    return has_wrong_counts or not 0 <= offset < size or number(data, at + 12) < 0 or (is_polarity and size != EVENT)
 
 
 @cache
@@ -360,15 +360,15 @@ def packet_decoder(layout):
             n_skipped = min(state[SKIP], data.size - at)
             at += n_skipped
             state[SKIP] -= n_skipped
-            here = min(state[LEFT], (data.size - at) // EVENT)
-            if here:
-                end = at + here * EVENT
+            n_ready = min(state[LEFT], (data.size - at) // EVENT)
+            if n_ready:
+                end = at + n_ready * EVENT
                 count, _, column, row, rises = decode(data[at:end], state, t[n:], x[n:], y[n:], p[n:])
                 ordered &= rises and (n == 0 or count == 0 or t[n] >= t[n - 1])
                 x_max, y_max = max(x_max, column), max(y_max, row)
                 n += count
                 at = end
-                state[LEFT] -= here
+                state[LEFT] -= n_ready
             if state[SKIP] or state[LEFT] or at + HEADER > data.size:
                 break
             if is_wrong(data, at):
@@ -397,12 +397,12 @@ def encode_event_stream(t, x, y, p, now, out):
     """Encode events as Event Stream.
 
     Args:
-        t: (n,) int64.
+        t: (n,) int64, us.
         x: (n,) uint16.
         y: (n,) uint16.
         p: (n,) uint8.
-        now: time of the event before, us.
-        out: uint8, output: 5 bytes per event, and 1 per full `SILENCE_US` between events.
+        now: time of the event before the first one, us.
+        out: uint8, output: 5 bytes per event, and one more byte for each full `SILENCE_US` between two events.
     """
     at = 0
     for k in range(t.size):

@@ -78,7 +78,7 @@ class Layout(NamedTuple):
         y: row, px.
         p: polarity, 1 = ON.
         odd: condition for words that are not events. Without a mask all words are events.
-        others: name of the rule for these words in `_word_kernels`; "" only counts them.
+        others: name of the rule in `_word_kernels` for words that are not events; "" only counts these words.
         none: bits of the odd word that are 0 in every valid word. Decoding stops at a word with one of them set.
         first: odd words with one of these bits are counted as `OTHER`, the rest as `SECOND`. -1: all as `OTHER`.
         rule: rule for the time field: 0, `WRAPS`, `HALF` or `GAPS`.
@@ -116,7 +116,7 @@ the format. `ADDED`: us that the wraps of TIME_HIGH add."""
 
 
 def encoded(layout: Layout, events: Events) -> npt.NDArray[np.uint8]:
-    """Return the bytes (n, size) of events that fit the layout. Upper bits of times beyond their field are cut off."""
+    """Return events as bytes of a layout, (n, size). Of a time, only the bits that fit into its field are stored."""
     out = np.empty((len(events), layout.size), np.uint8)
     words: dict[tuple[int, int], Any] = {}
     for name in "txyp":
@@ -179,7 +179,7 @@ class Decoder:
         return make_piece(columns, count, (x_max, y_max), ordered, place)
 
     def count(self, data: Bytes) -> int:
-        """Return the number of events in bytes, without a change of the state."""
+        """Return the number of events in some bytes. The state does not change."""
         return self.copy().piece(data).t.size
 
     def copy(self) -> Decoder:
@@ -187,7 +187,7 @@ class Decoder:
         return replace(self, state=self.state.copy())
 
     def find(self, data: Bytes, event: int) -> int:
-        """Return the byte at which an event begins. The event ends at the end of the shortest data with it."""
+        """Return the byte at which an event begins. Bisection finds the shortest data that contain the event."""
         decoder, at = self.copy(), 0
         while event >= (count := decoder.count(data[at : at + FIND_STEP])):
             event -= count
@@ -292,7 +292,7 @@ class SeekingReader(WordReader):
         return self._pieces(block, decoder, self.seek(decoder, self.block(block, decoder), start_us))
 
     def seek(self, decoder: Decoder, step: int, start_us: int) -> int:
-        """Return a byte before which all events are earlier than `start_us`, and set the decoder's clock for this byte.
+        """Return a byte before which all events are earlier than `start_us`, and set the decoder's clock to that byte.
 
         Args:
             decoder: a new decoder.

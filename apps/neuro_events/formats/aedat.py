@@ -55,8 +55,8 @@ class _Chip:
         title: name of jAER's class, for the header.
         name_pattern: pattern of the names of jAER's classes with this layout, in lower case.
         size: width and height of the sensor, px.
-        layout: layout of the words. Of the words that are not events, the first kind is samples and the second
-            external events.
+        layout: layout of the words. Words that are not events are counted in two kinds: samples are the first kind,
+            external events the second.
     """
 
     name: str
@@ -81,7 +81,10 @@ class _Chip:
 
 
 def _layout(x: Field, y: Field, p: Field, sample: int, external: int, none: int = 0) -> Layout:
-    """Return a layout of a big-endian address and a time. Some bits of the address mark other words, `none` are 0."""
+    """Return the layout of a big-endian address and a big-endian time.
+
+    The bits `sample` and `external` of an address mark words that are not events. The bits `none` are always 0.
+    """
     odd = Odd(sample | external | none)
     return Layout(WORD, Field(0, 32, byte=4), x, y, p, odd, none=none, first=sample, rule=HALF, is_big=True)
 
@@ -106,7 +109,7 @@ _CHIPS = (
     _davis("DAVIS640", "Davis640", r"davi[a-z]*640|cdavis", (640, 480)),
 )
 """Cameras whose layouts the writer uses, by the size of the sensor."""
-_READ = (
+_READABLE = (
     *_CHIPS,
     _davis("DAVIS128", "Davis128", r"davi[a-z]*128", (128, 128)),
     _davis("DAVIS208", "Davis208PixelParade", r"davi[a-z]*208", (208, 192)),
@@ -118,9 +121,9 @@ _READ = (
         ),
     ),
 )  # fmt: skip
-"""Cameras whose layouts are read. Of two with the same size, the first one that fits the addresses is chosen."""
-_SIZES = ", ".join(dict.fromkeys("{}x{}".format(*chip.size) for chip in sorted(_READ, key=lambda chip: chip.size)))
-_NAMES = ", ".join(chip.name.lower() for chip in _READ)
+"""Cameras whose layouts are read. The first of two cameras of the same size that fits the addresses is used."""
+_SIZES = ", ".join(dict.fromkeys("{}x{}".format(*chip.size) for chip in sorted(_READABLE, key=lambda chip: chip.size)))
+_NAMES = ", ".join(chip.name.lower() for chip in _READABLE)
 _WAY_OUT = (
     f"sensor_size=(346, 260), or --sensor 346x260, chooses the camera by its sensor ({_SIZES}; 128x128 is the DVS128), "
     f"format='aedat2:davis128', or --from aedat2:davis128, by its name ({_NAMES})"
@@ -181,8 +184,9 @@ class Aedat2(SeekingReader):
         """Width and height of the sensor, px.
 
         Raises:
-            Damage: `use_sensor` was not called, and the header names an unknown chip, or names none and the first
-                addresses are not certainly those of a DVS128.
+            Damage: the camera is unknown, because `use_sensor` was not called, and the header names an unknown chip.
+                The same applies if the header names no chip, and the first addresses may be from another chip than a
+                DVS128.
         """
         if not self._is_known:
             if self._unknown:
@@ -205,12 +209,12 @@ class Aedat2(SeekingReader):
     def use_sensor(self, size: Size) -> None:
         """Use the layout of the camera with this sensor; see `Sized`.
 
-        The chip that the header names stays if no camera with a sensor of this size fits the addresses.
+        The layout of the chip that the header names is kept if no camera of this sensor size fits the addresses.
         """
         if self._is_certain or (self._is_known and size == self._size):
             return
         is_small = size[0] <= _DVS128.size[0] and size[1] <= _DVS128.size[1]
-        chips = [_DVS128] if is_small else [chip for chip in _READ if chip.size == size]
+        chips = [_DVS128] if is_small else [chip for chip in _READABLE if chip.size == size]
         addresses = self._first_addresses()
         fitting = [chip for chip in chips if not chip.foreign(addresses).any()]
         if not self._is_known:
@@ -231,7 +235,10 @@ class Aedat2(SeekingReader):
         return _addresses(np.frombuffer(self.source.head(self.start + LOOK)[self.start :], np.uint8))
 
     def clocks(self, step: int) -> Iterator[tuple[int, int]]:
-        """Yield the byte and the first event's time of each block with an event; times of other words may run back."""
+        """Yield the first byte and the time of the first event of each block that begins with events.
+
+        Other words are skipped, because their times may run back.
+        """
         mask = np.uint32(self.layout.odd.mask & ~self.layout.none)
         for place, data in self.source.samples(self.start, step, min(step, LOOK)):
             events = np.flatnonzero((_addresses(data) & mask) == 0)
@@ -256,7 +263,7 @@ def _addresses(data: Bytes) -> Addresses:
 def _find_chip(name: str) -> _Chip | None:
     """Return the chip for a name, such as a class of jAER, or None."""
     last = re.split(r"[.$]", name)[-1].lower()
-    return next((chip for chip in _READ if re.match(chip.name_pattern, last)), None)
+    return next((chip for chip in _READABLE if re.match(chip.name_pattern, last)), None)
 
 
 def _size(lines: bytes) -> Size | None:

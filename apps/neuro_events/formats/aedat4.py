@@ -37,21 +37,21 @@ class Packets:
     `_aedat4_kernels` then decodes packets with the same beginning.
 
     Args:
-        packed: compression: "none", "LZ4" or "Zstandard".
+        compression: "none", "LZ4" or "Zstandard".
 
     Attributes:
-        head: beginning of a packet, if an LZ4 frame without checksums; else empty.
-        lead: beginning of an unpacked packet, between its size and the number of events; empty if unknown.
+        head: first bytes of a packet that is an LZ4 frame without checksums; empty for other packets.
+        lead: first bytes of an unpacked packet, between its size and the number of events; empty if unknown.
     """
 
-    def __init__(self, packed: str) -> None:
-        self._packed, self._unpack = packed, _unpacker(packed)
+    def __init__(self, compression: str) -> None:
+        self._compression, self._unpack = compression, _unpacker(compression)
         self.head, self.lead = b"", b""
 
     @property
     def is_known(self) -> bool:
         """True if the beginnings that the kernel needs are known."""
-        return bool(self.lead) and (self._packed == "none" or bool(self.head))
+        return bool(self.lead) and (self._compression == "none" or bool(self.head))
 
     def events(self, data: Bytes, place: int) -> tuple[bytes, int, int]:
         """Unpack a packet.
@@ -67,7 +67,7 @@ class Packets:
             Damage: the packet cannot be unpacked, or is malformed.
         """
         plain = self._unpack(data, place)
-        if self._packed == "LZ4":
+        if self._compression == "LZ4":
             head = data[:7].tobytes()  # usable only if it announces neither checksums nor a length
             self.head = head if len(head) == 7 and head[4] & 0b11011111 == 0b01000000 else b""
         start = 4 + len(self.lead) + 4
@@ -87,11 +87,11 @@ class Packets:
         return plain, 4 + start, count
 
 
-def _unpacker(packed: str) -> Callable[[Bytes, int], bytes]:
+def _unpacker(compression: str) -> Callable[[Bytes, int], bytes]:
     """Return a function (packet, place) -> unpacked bytes, which raises `Damage` for an invalid packet."""
-    if packed == "none":
+    if compression == "none":
         return lambda data, place: data.tobytes()
-    if packed == "LZ4":
+    if compression == "LZ4":
         plain, failure = partial(_lz4, lz4.frame.create_decompression_context()), RuntimeError
     else:
         zstandard = extra("zstandard", "AEDAT 4 with Zstandard packets")
@@ -101,7 +101,7 @@ def _unpacker(packed: str) -> Callable[[Bytes, int], bytes]:
         try:
             unpacked: bytes = plain(data)
         except (failure, EOFError, ValueError, MemoryError):
-            raise Damage(f"a packet of {data.size} bytes is not valid {packed} data", place) from None
+            raise Damage(f"a packet of {data.size} bytes is not valid {compression} data", place) from None
         return unpacked
 
     return unpack
@@ -263,7 +263,7 @@ class Aedat4:
         if len(header) < size:
             raise Damage(f"the header has {size} bytes, more than the file or the limit of {HEADER_LIMIT}", len(MAGIC))
         try:
-            packed, self._table, streams = read_header(header)
+            compression, self._table, streams = read_header(header)
         except Malformed as error:
             raise Damage(f"the header is damaged: {error}", len(lead)) from None
         self._streams = streams
@@ -271,13 +271,13 @@ class Aedat4:
         if not events:
             raise Damage("the header lists no stream of events", len(lead))
         self._number = events[0]
-        self._packets, self._split, self._walk = Packets(packed), aedat4_kernels.split, aedat4_kernels.walk
+        self._packets, self._split, self._walk = Packets(compression), aedat4_kernels.split, aedat4_kernels.walk
         self._plain = np.empty(USUAL, np.uint8)
         stream = streams[self._number]
         self.sensor_size: Size | None = (stream["width"], stream["height"]) if "width" in stream else None
         self._highest = np.iinfo(np.int16 if self.sensor_size is None else np.uint16).max
         streams_by_name = {str(number): entry for number, entry in streams.items()}
-        self.metadata: dict[str, Any] = {"compression": packed, "streams": streams_by_name}
+        self.metadata: dict[str, Any] = {"compression": compression, "streams": streams_by_name}
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """Yield the events; see `Reader`."""

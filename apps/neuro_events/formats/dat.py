@@ -70,7 +70,7 @@ class Header:
 
     @property
     def coding(self) -> str | None:
-        """Coding of a RAW file: ``EVT3``, ``EVT2``, ``EVT21`` or another word in that place. None: no RAW header."""
+        """Coding of a RAW file as the header states it, such as ``EVT3``, ``EVT2`` or ``EVT21``, or None."""
         if "format" in self.fields:
             return self.fields["format"].split(";")[0].strip().upper()
         version = self.fields.get("evt")
@@ -123,7 +123,7 @@ def parse(data: bytes) -> Header:
 
 
 def read_header(source: Source) -> Header:
-    """Read the header of a file. A file without a header gives one of length 0.
+    """Read the header of a file. A file without a header gives a `Header` of length 0.
 
     Raises:
         Damage: the file ends within a line.
@@ -144,7 +144,7 @@ def header_text(lines: Iterable[tuple[str, str]]) -> bytes:
 
 
 def raw_text(version: str, size: Size | None) -> bytes:
-    """Return the header of a RAW file of version ``2.0`` or ``3.0``, without a size if a recording has no parts."""
+    """Return the header of a RAW file of version ``2.0`` or ``3.0``. The size is None for a recording without parts."""
     coding = _CODINGS[version]
     if size is None:
         return header_text([("evt", version), ("format", coding), ("end", "")])

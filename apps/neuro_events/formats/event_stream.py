@@ -45,7 +45,7 @@ GENERIC_OVERFLOW_US = 254
 GENERIC, DVS = 0, 1
 TYPES = {GENERIC: "generic", DVS: "DVS", 2: "ATIS", 3: "display", 4: "colour"}
 LONGEST_GAP = OVERFLOW_US << 26
-"""Longest gap that the writer accepts, us. Silence needs a byte per 127 us, so a longer one would need over 64 MB."""
+"""Longest gap that the writer accepts, us. A gap needs a byte per 127 us, so a longer gap would need over 64 MB."""
 
 LAYOUT = Layout(
     EVENT, t=Field(1, 7, size=1), x=Field(0, 16, byte=1), y=Field(16, 16, byte=1), p=Field(0, 1, size=1),
@@ -171,7 +171,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
         gaps = np.diff(events.t, prepend=time)
         limits = f"t from 0 us on, and at most {LONGEST_GAP} us after the event before or 0"
         unsavable = (gaps < 0) | (gaps > LONGEST_GAP)
-        # A filter can move the beginning of a recording, so the hint is useful there, but not at a gap within it.
+        # The hint names a filter that moves the first event, so it does not help at a gap within the recording.
         first_is_unsavable = not n_before and unsavable[:1].any()
         refuse(events, unsavable, n_before, limits, np.zeros(len(events), np.bool_) if first_is_unsavable else None)
         out = np.empty(EVENT * len(events) + int((gaps // OVERFLOW_US).sum()), np.uint8)
@@ -190,7 +190,7 @@ def _new_header(sensor: Size | None) -> bytes:
 
 
 def _holds(events: Events, last: int | None) -> npt.NDArray[np.bool_]:
-    """Return True for the events before the first gap that is too long, since later ones are even further away."""
+    """Return True for the events before the first gap that is too long. All later events are after that gap, too."""
     gaps = np.diff(events.t, prepend=last or 0)
     return ~np.logical_or.accumulate(gaps > LONGEST_GAP) & (events.t >= 0)
 

@@ -97,8 +97,9 @@ class Evt2(Evt):
     After the header (see `dat`) come little-endian uint32 words with the kind in bits 28-31.
     0 and 1: an event of this polarity (1 = ON), low bits of its time in bits 22-27, x in bits 11-21, y in bits 0-10.
     8, TIME_HIGH: bits 6-33 of the time of the following events, in bits 0-27.
-    10, 14, 15 and other kinds (triggers, the vendor's own) are not pixel events and are skipped, as are events before
-    the first TIME_HIGH, whose times are unknown; ``metadata["other_words"]`` counts them.
+    10, 14, 15 and other kinds (triggers, the vendor's own) are not pixel events and are skipped. Events before the
+    first TIME_HIGH are skipped too, because their times are unknown. ``metadata["other_words"]`` counts all skipped
+    words.
 
     The clock wraps after 2^34 us (4.8 hours): a TIME_HIGH in the last sixteenth of its range followed by one in the
     first sixteenth counts as a wrap, and 2^34 us are added from there on.
@@ -165,9 +166,9 @@ class Evt21(Evt2):
     8, TIME_HIGH: bits 6-33 of the time of the following events, in bits 32-59. Other words and wraps are handled as in
     `Evt2`.
 
-    The IMX636 sends the upper half of each word before the lower one (``endianness=legacy`` in the header). Without a
-    header, the order is the one in which the first words are valid: x of events is a multiple of 32, and there is a
-    TIME_HIGH.
+    The IMX636 sends the upper half of each word before the lower half (``endianness=legacy`` in the header). Without a
+    header, the order is detected from the first words: in the right order x of events is a multiple of 32, and there is
+    a TIME_HIGH.
 
     Source: Prophesee, "EVT 2.1 format", docs.prophesee.ai.
     """
@@ -194,7 +195,7 @@ class Evt21(Evt2):
             return int(order != "legacy")
         data = self.source.head(self.header.length + HEAD)[self.header.length :]
         words = np.frombuffer(data[: len(data) // self.word * self.word], "<u4").reshape(-1, 2)
-        # A half that is the upper one has few invalid words and some TIME_HIGH. The smaller number is the better half.
+        # The upper half has few invalid words and some TIME_HIGH, so it is the half with the smaller difference.
         misfits = [int(invalid_words(half).sum()) - int((half >> 28 == TIME_HIGH).sum()) for half in words.T]
         return int(misfits[1] <= misfits[0])
 
@@ -217,8 +218,8 @@ EVT21 = Format(
 
 
 LIMITS_3 = Limits(1 << 40, 1 << 11)
-"""Range of times and positions that `write_evt3` accepts. Wraps, of two words each, could state any time; the range
-bounds their number."""
+"""Range of times and positions that `write_evt3` accepts. Wraps, of two words each, could state any time. The limit of
+the times bounds the number of wraps."""
 
 OTHER_ROW, VECT_BASE_X, TIME_LOW = 1, 3, 6
 """Kinds of words. A row has kind 0 or 1."""
@@ -252,12 +253,12 @@ class Evt3(Evt):
     0: row in bits 0-10. 2: an event at the column in bits 0-10, polarity in bit 11 (1 = ON).
     3: base column and polarity of vectors. 4 and 5: events at base + i for each set bit i of 12 or 8; the base advances
     by 12 or 8. 6, TIME_LOW and 8, TIME_HIGH: bits 0-11 and 12-23 of the time. A TIME_HIGH with a new value sets the low
-    bits to 0 until the next TIME_LOW. A TIME_LOW may be smaller than the one before; the last one counts.
+    bits to 0 until the next TIME_LOW. A TIME_LOW may be smaller than the TIME_LOW before; the last one holds.
     A TIME_HIGH smaller by 2048 or more is a wrap of the 24 bits (16.8 s), and 2^24 us are added from there on.
 
-    Triggers and other kinds are not pixel events and are skipped, as are events before the first TIME_HIGH and the
-    first row, and those of a row of kind 1 (intensity pixels of older sensors); ``metadata["other_words"]`` counts
-    them.
+    Triggers and other kinds are not pixel events and are skipped. Also skipped are events before the first TIME_HIGH
+    or the first row, and events of a row of kind 1 (intensity pixels of older sensors). ``metadata["other_words"]``
+    counts all skipped words.
 
     Source: Prophesee, "EVT 3.0 format", docs.prophesee.ai; the rules of TIME_HIGH and of kind 1 as in the vendor's
     decoder (OpenEB, ``evt3_decoder.h``).
@@ -275,9 +276,10 @@ class Evt3(Evt):
     def seek(self, decoder: Decoder, step: int, start_us: int) -> int:
         """Return a byte from which to read, and set the decoder's clock; see `SeekingReader`.
 
-        The clock wraps every 16.8 s, so every TIME_HIGH before the time is tracked, without decoding the events.
+        The clock wraps every 16.8 s, so every TIME_HIGH up to `start_us` is tracked, without decoding the events.
         """
         begin = self.start
+        # `previous` is the first byte of the block before, and the TIME_HIGH (with wraps) at that byte.
         high, kinds, previous = -1, 0, (begin, -1)
         previous_words = np.zeros(0, np.uint16)
         for place, data in self.source.blocks(begin, step, self.word):
@@ -294,7 +296,7 @@ class Evt3(Evt):
 
 
 def _states_everything(words: npt.NDArray[np.uint16], vectors: bool) -> bool:
-    """Return whether some words set the whole state of the decoder, apart from TIME_HIGH.
+    """Return whether the words of a block set the whole state of the decoder, apart from TIME_HIGH.
 
     The state consists of the low bits of the time, the row, and the base of vectors.
 
@@ -335,17 +337,17 @@ GUESS_BYTES = 1 << 16
 KINDS_2 = (0, 1, 8, 10, 14, 15)
 KINDS_3 = (0, 2, 3, 4, 5, 6, 7, 8, 10, 14, 15)
 
-Reads = type[Evt21] | type[Evt3] | type[Evt2]
+ReaderKind = type[Evt21] | type[Evt3] | type[Evt2]
 
 
 def open_raw(source: Source) -> Evt21 | Evt3 | Evt2:
-    """Find the coding of a RAW file whose header names none, and return its reader.
+    """Find the coding of a RAW file whose header names no coding, and return its reader.
 
-    A coding fits if, in the first 64 KiB, all words but at most one of 64 have a known kind, there is a TIME_HIGH, and
+    The first 64 KiB decide. A coding fits if at least 63 of 64 words have a known kind, there is a TIME_HIGH, and
     TIME_HIGH never falls, except at a wrap.
 
     Raises:
-        Damage: no coding fits, or the header names an unknown one.
+        Damage: no coding fits, or the header names an unknown coding.
     """
     header = read_header(source)
     if header.coding is not None:
@@ -381,7 +383,7 @@ def _likely(invalid: npt.NDArray[np.bool_], words: Words, kind_at: int) -> bool:
     return bool(high.size and 64 * invalid.sum() <= words.size and not falls.any())
 
 
-_GUESSES: tuple[tuple[Reads, Callable[[bytes], bool]], ...] = (
+_GUESSES: tuple[tuple[ReaderKind, Callable[[bytes], bool]], ...] = (
     (Evt21, _fits21),
     (Evt3, partial(_fits, "<u2", 2, 12, KINDS_3)),
     (Evt2, partial(_fits, "<u4", 4, 28, KINDS_2)),

@@ -164,7 +164,7 @@ def heaps_are_intact(data: Bytes) -> bool:
 
 
 def _is_filled(heap: Bytes) -> bool:
-    """Return whether the objects fill the heap: 16 bytes and the content each, and free space as object 0."""
+    """Return whether the objects fill the heap. An object takes 16 bytes and its content. Object 0 is free space."""
     end = _number(heap, 8)
     if end > heap.size:
         return False
@@ -264,6 +264,7 @@ CHUNK = 1 << 15
 INDEX_LIMIT = 10**8
 """Duration of the longest recording with an index, ms: 28 hours."""
 INDEX_BLOCK = 10**6
+"""Number of ms by which the index is extended at a time."""
 
 PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 
@@ -302,7 +303,7 @@ def write_sample(group: Any, name: str, events: Events) -> None:
     """Write a recording into a data set as one array of rows ts, x, y, p, in aertb's layout.
 
     Args:
-        group: an open h5py group, that of the class.
+        group: the open h5py group of the recording's class.
         name: name of the sample.
         events: the recording; sensor size and metadata become attributes.
 

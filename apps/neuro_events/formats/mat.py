@@ -3,10 +3,11 @@
 Names and units are as in `_columns`. Versions 5 to 7 are decoded here, version 7.3 by h5py, both completely into
 memory. SciPy also reads version 5, but crashes with a segmentation fault on some damaged files.
 
-Version 5 has 128 bytes of header, then elements. An element is a type, a size and content, padded to 8 bytes; type and
-size take 8 bytes, or 4 if the content has at most 4. A matrix is an element that contains elements: flags and class,
-shape, name, content. Compressed elements are zlib streams. Numbers become arrays (flat, in the file's order). Structs
-become mappings. Cells and arrays of structs become lists. Text, sparse matrices, objects and functions are skipped.
+Version 5 has 128 bytes of header, then elements. An element is a type, a size and content, padded to 8 bytes. Type and
+size take 8 bytes, or 4 bytes if the content has at most 4. A matrix is an element that contains elements: flags and
+class, shape, name, content. Compressed elements are zlib streams. Numbers become arrays (flat, in the file's order).
+Structs become mappings. Cells and arrays of structs become lists. Text, sparse matrices, objects and functions are
+skipped.
 
 A struct with ``ts`` beside ``x``, ``y``, ``p`` counts columns and rows from 1, so 1 is subtracted. Its polarities may
 be 1 for OFF and 2 for ON. Examples: ``TD`` of Orchard's scripts, the cells of ``ROI`` in DVS-BARREL. A struct with
@@ -93,17 +94,17 @@ def _candidates(source: Source) -> list[Candidate]:
     if not data.size:
         raise Damage("is empty, expected a MAT file", 0)
     try:
-        found_variables = _version_73(data.data) if b"MATLAB 7.3" in source.head(128) else variables(data.data)
+        file_variables = _version_73(data.data) if b"MATLAB 7.3" in source.head(128) else variables(data.data)
     except Damage:
         raise
     except FAILURES as error:
         raise Damage(f"not an intact MAT file: {' '.join(str(error).split())}", None) from None
     # A recording of top-level vectors has no name.
-    top_level = find_names(name for name, value in found_variables.items() if _is_vector(value))
-    parts = {"": found_variables} if top_level else found_variables
+    top_level = find_names(name for name, value in file_variables.items() if _is_vector(value))
+    parts = {"": file_variables} if top_level else file_variables
     candidates = [candidate for name, value in parts.items() for candidate in _search(name, value, DEPTH)]
     if not candidates:
-        names = ", ".join(found_variables) or "nothing"
+        names = ", ".join(file_variables) or "nothing"
         raise Damage(f"has {names}; expected vectors t (or ts), x, y and p (or pol), also in a struct", None)
     return candidates
 
@@ -114,8 +115,10 @@ def _recording(variable: str, columns: Columns, names: Names) -> Found:
     if len(set(lengths.values())) != 1:
         lengths_text = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise Damage(f"{variable or 'its vectors'}: lengths are {lengths_text}, expected equal ones", None)
-    places = vectors["x"], vectors["y"]
-    from_one = all(not place.size or (place.dtype.kind in "iuf" and place.min() >= 1) for place in places)
+    positions = vectors["x"], vectors["y"]
+    from_one = all(
+        not position.size or (position.dtype.kind in "iuf" and position.min() >= 1) for position in positions
+    )
     base = 1 if variable and names.t.lower() == "ts" and from_one else 0
     if base:
         vectors |= {key: np.asarray(vectors[key], np.float64) - 1 for key in "xy"}
@@ -168,7 +171,7 @@ CELL, STRUCT = 1, 2
 CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
 
 DEPTH = 8
-"""Largest depth of nested structs and cells. Deeper ones are skipped."""
+"""Largest depth of nested structs and cells. Structs and cells deeper in the file are skipped."""
 ITEMS = 1000
 """Largest number of items that are read from one cell array, array of structs or struct."""
 UNPACKED = 1 << 32
@@ -217,7 +220,7 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
 
 
 def _matrix(content: memoryview, order: str, depth: int) -> tuple[str, Any]:
-    """Return the name and the value of a matrix. The value of a skipped one is None."""
+    """Return the name and the value of a matrix. The value is None for a matrix that is skipped, such as text."""
     parts = _elements(content, order)
     try:
         flags, shape, name = (next(parts)[1] for _ in range(3))
@@ -234,10 +237,10 @@ def _matrix(content: memoryview, order: str, depth: int) -> tuple[str, Any]:
 
 def _value(kind: int, complex_: bool, count: int, parts: Any, order: str, depth: int) -> Any:
     if kind in CLASSES and not complex_:
-        stored, content = next(parts, (0, memoryview(b"")))
-        if stored not in TYPES:
-            raise ValueError(f"numbers of the unknown type {stored}")
-        dtype = np.dtype(order + TYPES[stored])
+        stored_type, content = next(parts, (0, memoryview(b"")))
+        if stored_type not in TYPES:
+            raise ValueError(f"numbers of the unknown type {stored_type}")
+        dtype = np.dtype(order + TYPES[stored_type])
         if count < 0 or len(content) != count * dtype.itemsize:
             raise ValueError(f"a variable has {len(content)} bytes, expected {count} numbers of {dtype.itemsize}")
         return np.frombuffer(content, dtype).astype(CLASSES[kind], copy=False)
@@ -251,7 +254,7 @@ def _value(kind: int, complex_: bool, count: int, parts: Any, order: str, depth:
 def _structs(parts: Any, order: str, depth: int) -> Any:
     """Return a struct as a mapping, or an array of structs as a list of mappings.
 
-    The first part is the length of a field's name, the second all names. The others are the fields, struct by struct.
+    The first part is the length of a field's name, the second all names. The rest are the fields, struct by struct.
     """
     try:
         width, names = (next(parts)[1] for _ in range(2))

@@ -56,10 +56,10 @@ class _Member:
         self.place = archive.getinfo(name).header_offset
         self._file: IO[bytes] = archive.open(name)
         version = np.lib.format.read_magic(self._file)
-        read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-        if version not in read:
+        header_readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+        if version not in header_readers:
             raise ValueError(f"its arrays have the unknown version {version}")
-        self.shape, fortran, self.dtype = read[version](self._file)
+        self.shape, fortran, self.dtype = header_readers[version](self._file)
         if fortran and len(self.shape) > 1:
             raise ValueError(f"array {name[:-4]} is stored by columns")
 
@@ -144,7 +144,7 @@ def _arrays(archive: zipfile.ZipFile) -> list[str]:
 
 
 def _columns(archive: zipfile.ZipFile) -> tuple[Names, list[str]]:
-    """Return the names of the columns, and of the arrays that contain them: four arrays, or one of records."""
+    """Return the names of the columns, and of the arrays that contain the columns: four arrays, or one of records."""
     arrays = _arrays(archive)
     if names := find_names(arrays):
         return names, [names.t, names.x, names.y, names.p]

@@ -46,6 +46,7 @@ class _Bag:
     """Base class of both kinds of bags, which reads the events of one topic."""
 
     cdr: bool
+    """True if messages are in CDR, the format of ROS 2."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -135,7 +136,7 @@ class Ros1Bag(_Bag):
                 return
             fields, data = _record(cursor, place, size)
             if fields["op"] == bytes([CHUNK]):
-                inner = Cursor(Source(_unpacked(fields, data, place).data), 0, 1 << 62)
+                inner = Cursor(Source(_unpack_chunk(fields, data, place).data), 0, 1 << 62)
                 while (size := inner.take(4)).size:
                     yield from _message(*_record(inner, place, size), connections, place)
             else:
@@ -145,7 +146,7 @@ class Ros1Bag(_Bag):
 def _message(
     fields: dict[str, bytes], data: Bytes, connections: dict[int, tuple[str, str]], place: int
 ) -> Iterator[Message]:
-    """Yield the message of a record, if it is one. A record of a connection is added to `connections`."""
+    """Yield the message, if the record holds one. If the record declares a connection, add it to `connections`."""
     op = fields["op"][0]
     if op not in (MESSAGE, CONNECTION):
         return
@@ -198,7 +199,7 @@ def _fields(data: bytes, place: int) -> dict[str, bytes]:
     return fields
 
 
-def _unpacked(fields: dict[str, bytes], data: Bytes, place: int) -> Bytes:
+def _unpack_chunk(fields: dict[str, bytes], data: Bytes, place: int) -> Bytes:
     """Unpack the records of a chunk."""
     packed = fields.get("compression", b"").decode("ascii", "replace")
     size = int.from_bytes(fields.get("size", b""), "little")

@@ -8,15 +8,15 @@ the columns and may state the unit of time, as in `_columns`. Polarities may als
 A comma is a decimal point if semicolons separate the columns, or if spaces or tabs separate numbers with commas.
 
 Without names the first 64 KiB decide the order of the columns. An order is possible if coordinates are whole,
-polarities are 0 or 1 (or -1 and 1), and x precedes y. Of several possible orders the most likely is chosen, t x y p
-before all others. For a time that runs back or is constant in that order, see `_columns.order_of`.
+polarities are 0 or 1 (or -1 and 1), and x precedes y. The most likely of the possible orders is used, t x y p before
+all others. `_columns.order_of` states what happens if time runs back or is constant in this order.
 
 Times are us if all of them are whole in the first 64 KiB. Times with a fraction are seconds (as in the RPG's
 ``events.txt``), and so are times with a decimal point or an exponent if the coordinates have none. Seconds are rounded
-to the nearest us. If these times are whole, a later time with a fraction is an error.
+to the nearest us. In a file with times in us, a later time with a fraction is an error.
 
-The user may state what the file does not, after a colon in the name of the format (the "place"): ``csv:xytp`` states
-the order of the four columns, ``csv:s`` the unit of time (s, ms, us, ns), ``csv:xytp:ms`` both.
+The user may state order and unit after a colon in the name of the format. This text is called the place: ``csv:xytp``
+states the order of the four columns, ``csv:s`` the unit of time (s, ms, us, ns), ``csv:xytp:ms`` both.
 
 The writers produce a comment with the sensor, the names, and lines ``t,x,y,p`` in us. In TXT the names are a comment,
 and spaces separate the columns, so that ``numpy.loadtxt`` reads the file. Metadata are not stored.
@@ -175,7 +175,10 @@ def _end_of_last_line(data: Bytes) -> int:
 
 
 def _options(place: str) -> tuple[str | None, int | None]:
-    """Return the order of columns and the exponent of the unit of time in a place such as ``xytp:ms``, else None."""
+    """Return the order of columns and the exponent of the unit of time in a place such as ``xytp:ms``.
+
+    An order or a unit that the place does not state is None.
+    """
     order = unit = None
     for word in place.split(":") if place else ():
         if word in SHORT_UNITS and unit is None:
@@ -205,8 +208,8 @@ def _layout(head: bytes, order: str | None = None, unit: int | None = None) -> _
         if text.startswith(("#", "%")):
             if match := _SENSOR.match(text):
                 size = _sensor([int(value) for value in match.groups() if value], number, at)
-            commented = _values(text.lstrip("#% "))
-            names = commented if find_names(commented) else names
+            comment_names = _values(text.lstrip("#% "))
+            names = comment_names if find_names(comment_names) else names
         elif len(values) == 2 and names is None and all(value.isdecimal() for value in values):
             size = _sensor([int(value) for value in values], number, at)
         elif find_names(values):
@@ -276,10 +279,10 @@ def _order_of_rows(lines: list[list[str]], at: int) -> str:
     """
     try:
         rows = np.array([[_float(value) for value in line] for line in lines], np.float64).reshape(-1, 4)
-        return order_of(rows, _pointed(lines, range(4)))
-    except Ambiguous as several:
-        first, *alternatives = several.orders
-        text = f"columns without names may be {first}, where {several.why}, or {' or '.join(alternatives)}"
+        return order_of(rows, _have_points(lines, range(4)))
+    except Ambiguous as ambiguity:
+        first, *alternatives = ambiguity.orders
+        text = f"columns without names may be {first}, where {ambiguity.why}, or {' or '.join(alternatives)}"
         word = first.replace(" ", "")
         raise _AmbiguousOrder(f"{text}: expected the order, as --from csv:{word} or format='csv:{word}'", at) from None
 
@@ -292,11 +295,11 @@ def _unit_of_rows(lines: list[list[str]], where: Mapping[str, int]) -> int:
     times = np.array([_float(line[where["t"]]) for line in lines], np.float64)
     if unit_of(times[np.isfinite(times)]) == SECONDS:
         return SECONDS
-    pointed = _pointed(lines, [where[name] for name in "txyp"])
-    return SECONDS if in_seconds(pointed, "txyp") else US
+    has_points = _have_points(lines, [where[name] for name in "txyp"])
+    return SECONDS if in_seconds(has_points, "txyp") else US
 
 
-def _pointed(lines: list[list[str]], columns: Sequence[int]) -> list[bool]:
+def _have_points(lines: list[list[str]], columns: Sequence[int]) -> list[bool]:
     """Return for each column whether any of its numbers has a decimal point or an exponent."""
     texts = ([line[column] for line in lines] for column in columns)
     return [any(not text.lstrip("+-").isdecimal() and _NUMBER.fullmatch(text) for text in cells) for cells in texts]

@@ -194,7 +194,7 @@ def event_spike_tensor(
     dtype: npt.DTypeLike = np.float32,
     as_torch: bool = False,
 ) -> Representation:
-    """Convolve a measurement of the events with a triangular kernel in time, sampled at regular times.
+    """Convolve a measurement of the events with a triangular kernel in time, and sample the result at equal distances.
 
     S[p, b, y, x] is the sum over the pixel's events of polarity p of f max(0, 1 - |b - t*|), where f is the
     measurement and t* = (bins - 1) (t - start) / (stop - start), as for `voxel_grid`. The kernel is fixed; in the

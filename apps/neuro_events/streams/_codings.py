@@ -65,7 +65,7 @@ class Address:
         return f"{self.scheme}://{host}:{place[1]}"
 
     def as_model_error(self, error: OSError) -> ModelError:
-        """Convert a socket's error to one about this address."""
+        """Convert an error of a socket to an error about this address."""
         advice = "ports below 1024 are for administrators; use a higher one, such as 3333"
         messages = {
             errno.EADDRINUSE: ("another program listens at this port", "port 0 selects a free one"),
@@ -117,7 +117,7 @@ def address(url: str) -> Address:
 
 
 def format_for(scheme: str, format: object, udp_formats: Iterable[str]) -> str:
-    """Return the format of a stream: aedat4 for TCP, the specified one for UDP.
+    """Return the format of a stream: "aedat4" for TCP, the specified format for UDP.
 
     Raises:
         ModelError: unknown format, or a format of the other scheme.
@@ -141,8 +141,8 @@ DATAGRAM = 1400
 
 
 Decoder = Callable[[NDArray[np.uint8], NDArray[np.int64], int, int], tuple[int, Columns, int]]
-"""Decoder of the entries of a ring: (bytes of a `Receiver`, its index, first entry, end) -> number of events, columns
-that begin with these events, number of damaged entries."""
+"""Decoder of received datagrams, which are entries in the ring of a `Receiver`: (ring, index, first entry, end of the
+entries) -> number of events, columns that begin with these events, number of damaged entries."""
 
 Encoder = Callable[[Events, int], Iterator[Any]]
 """Encoder: (events, size limit in bytes) -> datagrams. Called with the parts of one recording in order."""
@@ -157,8 +157,8 @@ class Coding:
         title: description.
         decoder: function that creates a decoder for a stream opened at a time, ns.
         encoder: function that creates an encoder.
-        period: period after which its clock wraps, us; 0: never.
-        sides: largest number of columns and rows.
+        period: time after which the clock of the format wraps, us; 0: never.
+        sides: largest number of columns, and of rows.
         datagram: default size limit of a datagram, bytes.
     """
 
@@ -182,8 +182,8 @@ class Coding:
 
 
 @dataclass(slots=True)
-class _Plain:
-    """Decoder of events of a layout, of at least `least` bytes each."""
+class _LayoutDecoder:
+    """Decoder of datagrams with events of a layout. An event has at least `least` bytes."""
 
     layout: Layout
     least: int
@@ -264,9 +264,9 @@ def _faery8(events: Events, size: int) -> Iterator[Any]:
 
 _PERIOD_3 = 1 << 24
 _BEAT = 1 << 22
-"""Longest time between two TIME_HIGH, us, so that a receiver counts all wraps."""
+"""Longest time between two TIME_HIGH that the encoder sends, us, so that a receiver counts all wraps."""
 _LONGEST = 1 << 32
-"""Longest silence, us. A longer one would need too many TIME_HIGH."""
+"""Longest silence, us. A longer silence would need too many TIME_HIGH."""
 _EVENT_BYTES = 8
 """Largest size of an event of `encode3`, bytes: time (two words), row and column."""
 
@@ -277,8 +277,8 @@ def _evt3() -> Encoder:
 
     def encode(events: Events, size: int) -> Iterator[Any]:
         nonlocal last
-        silent = np.flatnonzero(np.diff(events.t, prepend=events.t[:1]) > _BEAT)
-        for begin, end in pairwise([0, *silent, len(events)]):
+        after_silence = np.flatnonzero(np.diff(events.t, prepend=events.t[:1]) > _BEAT)
+        for begin, end in pairwise([0, *after_silence, len(events)]):
             for k in range(begin, end, max(1, size // _EVENT_BYTES)):
                 part = events[k : min(end, k + size // _EVENT_BYTES)]
                 first = int(part.t[0])
@@ -297,7 +297,7 @@ def _evt3() -> Encoder:
 
 
 AESTREAM = 512
-"""Size limit of aestream's datagrams, bytes; aestream reads only these first bytes of one."""
+"""Size limit of datagrams for aestream, bytes; aestream reads only the first 512 bytes of a datagram."""
 _32 = 1 << 32
 
 CODINGS = {
@@ -305,19 +305,19 @@ CODINGS = {
     for coding in (
         Coding(
             "spif", "SPIF, words of 32 bits, with times or without; sent without",
-            partial(_Plain, SPIF, 4), lambda: partial(_spif, timed=False), _32, 1 << 15, AESTREAM,
+            partial(_LayoutDecoder, SPIF, 4), lambda: partial(_spif, timed=False), _32, 1 << 15, AESTREAM,
         ),
         Coding(
             "spif-timed", "SPIF, sent with times: two words of 32 bits",
-            partial(_Plain, SPIF, 4), lambda: partial(_spif, timed=True), _32, 1 << 15, AESTREAM,
+            partial(_LayoutDecoder, SPIF, 4), lambda: partial(_spif, timed=True), _32, 1 << 15, AESTREAM,
         ),
         Coding(
             "faery13", "faery's t64_x16_y16_on8, 13 bytes",
-            partial(_Plain, FAERY_13, 13), lambda: _faery13, 0, 1 << 16,
+            partial(_LayoutDecoder, FAERY_13, 13), lambda: _faery13, 0, 1 << 16,
         ),
         Coding(
             "faery8", "faery's t32_x16_y15_on1, 8 bytes",
-            partial(_Plain, FAERY_8, 8), lambda: _faery8, _32, 1 << 15,
+            partial(_LayoutDecoder, FAERY_8, 8), lambda: _faery8, _32, 1 << 15,
         ),
         Coding("raw-evt3", "Prophesee's EVT 3.0, words of 16 bits", _Evt3, _evt3, 0, 1 << 11),
     )
@@ -339,11 +339,11 @@ def receive_header(sock: socket.socket, url: str) -> tuple[Header, int, tuple[in
         ModelError: the data are not a header, or the header lists no events.
         OSError: the header does not arrive in time.
     """
-    size = U32.unpack(_exactly(sock, 4, url))[0]
+    size = U32.unpack(_receive_exactly(sock, 4, url))[0]
     if size > HEADER_LIMIT:
         raise ModelError(f"{url}: does not send AEDAT 4: its header would have {size} bytes")
     try:
-        header = read_header(_exactly(sock, size, url))
+        header = read_header(_receive_exactly(sock, size, url))
         for number, stream in header.streams.items():
             if stream["type"] == "events" and "width" in stream:
                 return header, number, (stream["width"], stream["height"])
@@ -352,7 +352,7 @@ def receive_header(sock: socket.socket, url: str) -> tuple[Header, int, tuple[in
     raise ModelError(f"{url}: sends no events: expected a stream of type EVTS with a sensor")
 
 
-def _exactly(sock: socket.socket, count: int, url: str) -> bytes:
+def _receive_exactly(sock: socket.socket, count: int, url: str) -> bytes:
     data = b""
     while len(data) < count:
         chunk = sock.recv(count - len(data))

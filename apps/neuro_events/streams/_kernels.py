@@ -23,9 +23,9 @@ PUT, TAKEN, STOP, AT, LAST, REFUSED, OVERFLOWN, ROWS = range(8)
 ring. `LAST`: time of the last receipt, ns. `REFUSED`, `OVERFLOWN`: datagrams lost because the ring, or the system's
 queue, was full."""
 START, SIZE, RECEIVED, MISSING, EVENTS, FIELDS = range(6)
-"""Columns of the index. `START`, `SIZE`: first byte and number of bytes. `RECEIVED`: time of receipt, ns. `MISSING`:
-number of datagrams lost before, in total. `EVENTS`: number of events up to the end of the entry, among those decoded in
-one call; set by the decoder."""
+"""Columns of the index, which has a row for each entry (a datagram, or bytes of a connection). `START`, `SIZE`: first
+byte and number of bytes. `RECEIVED`: time of receipt, ns. `MISSING`: number of all datagrams lost before the entry.
+`EVENTS`: number of events from the first entry of a decoder's call up to the end of this entry; set by the decoder."""
 
 LARGEST = 1 << 16
 """Largest number of bytes that one call can receive."""
@@ -47,7 +47,15 @@ _write = caller(types.int64, types.int32, types.int64, types.int64)
 
 @subkernel
 def place(at, put, n_read, index, bytes_):
-    """Return the byte at which the next entry can begin, -1 if the ring has no space for the largest entry."""
+    """Return the byte at which the next entry can begin, -1 if the ring has no space for the largest entry.
+
+    Args:
+        at: byte after the newest entry.
+        put: number of entries written.
+        n_read: number of entries read.
+        index: index of the entries.
+        bytes_: size of the ring, bytes.
+    """
     if put == n_read:
         return 0
     if put - n_read >= len(index):
@@ -94,7 +102,7 @@ def receive(calls, descriptor, wake, datagrams, ring, index, state, message):
         previous = message[TIMESPEC] * SECOND + message[TIMESPEC + 1]
         _clock_gettime(calls[1], (calls[3], words + 8 * TIMESPEC))
         received = message[TIMESPEC] * SECOND + message[TIMESPEC + 1]
-        if n_received < 0 and received - previous > SOON:
+        if n_received < 0 and received - previous > SOON:  # the call waited until its timeout
             continue
         if n_received < 0 or (n_received == 0 and not datagrams):
             return n_received

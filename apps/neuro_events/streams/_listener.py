@@ -47,11 +47,11 @@ class StreamCounts:
         datagrams: datagrams processed by `take`; for TCP, pieces.
         dropped_kernel: datagrams dropped because the system's queue was full, None if the system does not count them.
         dropped_buffer: datagrams dropped because the stream's own buffer was full.
-        damaged: datagrams or connections with invalid bytes, and events dropped because their time is far from those
-            of their neighbours.
+        damaged: datagrams or connections with invalid bytes, and events dropped because their time is far from the
+            times of the events around them.
         out_of_order: events dropped because they are earlier than an event before.
         outside: events dropped because they are off the sensor.
-        restarts: number of times the sender's clock fell back. The times of the events continue from there.
+        restarts: number of times that the sender's clock fell back. The times that `take` returns never fall back.
         connections: number of reconnections.
     """
 
@@ -83,8 +83,8 @@ class Listener:
         url: the address, with the actual port if port 0 was specified.
         format: format of the stream.
         sensor_size: width and height, px.
-        received_ns: time of receipt of the oldest datagram of the last `take`, by `time.monotonic_ns`; None without
-            one.
+        received_ns: time of receipt of the oldest datagram of the last `take`, by `time.monotonic_ns`; None if there
+            was no datagram.
     """
 
     def __init__(
@@ -106,8 +106,8 @@ class Listener:
     def take(self) -> Events:
         """Return all events that have arrived since the last call, in the order of arrival.
 
-        Events off the sensor, and events earlier than one before, are dropped and counted. A wrap of a 32-bit clock is
-        continued.
+        Events off the sensor, and events earlier than an event before, are dropped and counted. After a wrap of a
+        32-bit clock, times continue to rise.
         """
         return self._take_up_to(self._receiver.entries[1])
 
@@ -232,8 +232,8 @@ def listen(
         buffer: size of the buffer, bytes, at least 262,144.
 
     Raises:
-        ModelError: the address cannot be used, the format is unknown, the sensor is missing or too large, or, with
-            TCP, there is no sender or it does not send AEDAT 4.
+        ModelError: the address cannot be used, the format is unknown, or the sensor is missing or too large. With TCP
+            also: there is no sender, or the sender does not send AEDAT 4.
     """
     where = address(url)
     name = format_for(where.scheme, format, CODINGS)

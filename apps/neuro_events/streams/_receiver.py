@@ -27,9 +27,9 @@ ENTRIES = 1 << 16
 LEAST = 1 << 18
 """Size of the smallest ring, bytes; four of the largest datagrams fit."""
 PATIENCE = 0.02
-"""Timeout of a receiving call, s: the thread sees `Receiver.close` at most so much later."""
+"""Timeout of a receiving call, s. The thread notices `Receiver.close` within this time."""
 DRAIN_S = 1.0
-"""Longest wait of `Receiver.close` for the datagrams in the system's queue, s: a sender may never stop."""
+"""Longest wait of `Receiver.close` for the datagrams in the system's queue, s, because a sender may never stop."""
 QUEUE = 1 << 25
 """Requested size of the system's queue, bytes. The system limits the size (Linux: sysctl net.core.rmem_max)."""
 _OVERFLOW, _MEMINFO = 40, 55
@@ -44,8 +44,8 @@ class Receiver:
     Args:
         sock: a bound or connected socket, which `close` closes.
         buffer: size of the ring, bytes.
-        reconnect: function that makes a new connection after one has ended, and returns None if not possible yet. None:
-            the socket receives datagrams.
+        reconnect: function that makes a new connection after a connection has ended. It returns None if this is not
+            possible yet. None: the socket receives datagrams.
 
     Attributes:
         ring: the received bytes.

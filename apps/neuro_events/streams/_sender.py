@@ -39,7 +39,7 @@ class Sent:
 
     Attributes:
         events: number of events sent.
-        datagrams: number of datagrams sent; for TCP, packets to each receiver.
+        datagrams: number of datagrams sent; for TCP, the number of sends, each counted once for each receiver.
         seconds: duration from the first to the last event sent, s.
         latest_ms: largest delay of an event, ms.
     """
@@ -97,7 +97,7 @@ class Server:
         self._readers[self._server.accept()[0]] = False
 
     def put(self, events: Events) -> int:
-        """Send events to all receivers, and return their number. A receiver that is gone or blocks is disconnected."""
+        """Send events to all receivers, and return the number of receivers. A receiver that blocks is disconnected."""
         self._server.settimeout(0.0)
         with contextlib.suppress(BlockingIOError):
             while True:
@@ -154,8 +154,8 @@ def send(
         url: ``udp://HOST:PORT``, the address of a receiver. Or ``tcp://HOST:PORT``, an address of this machine that
             serves AEDAT 4 as dv-processing does; sending begins when the first receiver connects.
         events: path of a recording, ``Events``, or an iterable of parts in the order of time, which may be a stream.
-        format: see `listen`. For TCP "aedat4". "spif" contains no times, so the receiver uses the time of receipt;
-            "spif-timed" contains times.
+        format: see `listen`. For TCP the format is "aedat4". "spif" contains no times, so the receiver uses the time of
+            receipt; "spif-timed" contains times.
         speed: speed relative to real time; infinite: as fast as possible.
         datagram: size limit of a datagram, bytes. None: 512 for SPIF, as in aestream, else 1,400.
         report: called with the number of events sent so far.
@@ -201,7 +201,14 @@ def paced(parts: Iterable[Events], sink: Channel, speed: float, report: Callable
 
 
 def _timed_pieces(part: Events, zero: int, begin: float, speed: float) -> Iterator[tuple[float, Events]]:
-    """Yield the scheduled time of the first event, and the events, for each piece of a part, when due."""
+    """Cut a part into pieces. Yield each piece when it is due, after the scheduled time of its first event, s.
+
+    Args:
+        part: events.
+        zero: time of the recording's first event, us.
+        begin: time at which the recording's first event is sent, by `time.monotonic`, s.
+        speed: speed relative to real time.
+    """
     first = 0
     while first < len(part):
         now = time.monotonic()
