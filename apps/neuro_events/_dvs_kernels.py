@@ -115,7 +115,7 @@ def next_noise(state, i, fixed):
 
 @subkernel
 def lag_change(q, r, u):
-    """Return the change of the lag after time u, which also changes v. It is 0 without a limit of the bandwidth."""
+    """Return the change of the lag after time u, which also changes v. Without a limit of the bandwidth, return 0."""
     return q * expm1(-r * u) if q != 0.0 else 0.0
 
 

@@ -516,7 +516,7 @@ def forget(t, x, y, constants, memory, inside, queues, following):
 def histograms(columns, begin, constants, memory, inside, queues, following, sums, counts):
     """Sum the time surfaces of all events, as HATS does, in one pass.
 
-    Each cell stores the sum of its decayed events per pixel, and removes events as they leave the window.
+    Each cell stores the sum of decayed events per pixel, and removes events that leave the window.
 
     The memory of a cell refers to a reference time, so that an event changes one value only: an event at time t_j is
     stored as exp((t_j - reference) / tau), and the memory is scaled when it is read. The reference time is moved before

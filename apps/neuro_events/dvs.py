@@ -407,7 +407,7 @@ def frames_of(
 def _frames(
     scene: Scene, start: int, stop: int, step: int, change: float | None, shortest: int, parameters: DVSParameters
 ) -> Iterator[tuple[int, Image]]:
-    """Yield the images of `frames_of`. The stack `pending` holds later images, the next one at its end."""
+    """Yield the images of `frames_of`. The stack `pending` holds later images, the next image last."""
     image = np.array(scene(start))
     yield start, image
     time, log = start, _log(image, change, parameters)

@@ -130,7 +130,7 @@ def gif(
 
 
 def _beginning(parts: Iterator[Events], enough_us: int) -> tuple[list[Events], int]:
-    """Return the first non-empty parts until they last `enough_us`, and their duration, us.
+    """Return the first non-empty parts, up to a duration of `enough_us` or more, and the duration of the parts, us.
 
     All parts are returned if the recording is shorter than `enough_us`. Reading also ends after `LONGEST_LOOK_AHEAD`
     events. The recording then counts as long, and `enough_us` is returned as its duration.

@@ -209,7 +209,7 @@ def _events(events: Any, smallest: Size) -> Events:
 
 
 def _part(events: Any) -> Events | NDArray[Any]:
-    """Return events or a structured array as it is, and one `Event` as a structured array."""
+    """Return events or a structured array unchanged. Convert a single `Event` to a structured array."""
     if isinstance(events, Event):
         return np.array([tuple(events)], dtype=_WIDE)
     if isinstance(events, Events):

@@ -131,7 +131,7 @@ MOST = 10**8
 
 
 class TimeWindows(Cutter):
-    """Segments of equal duration. A window includes its first us and excludes its end; windows can be empty.
+    """Segments of equal duration. A window includes the time of its start and excludes its end. Windows can be empty.
 
     A window is complete at the first event at or after its end.
 
@@ -295,9 +295,9 @@ class Peaks(Cutter):
     """Segments that end at the peaks of a leaky integration neuron, which is never reset.
 
     Every event adds a postsynaptic potential K(s) = v0 (exp(-s / tau) - exp(-s / rise)), whose maximum is 1; with
-    ``rise_us=0``, K(s) = exp(-s / tau). The sum V is evaluated at the events only. Event i is a peak if V_i is above
-    the threshold, above V of all events in the `search_us` before it, and not below V of all events in the `search_us`
-    after it. A peak is therefore known at the first event more than `search_us` later, or at the end of the recording.
+    ``rise_us=0``, K(s) = exp(-s / tau). The sum V is evaluated at the events only. Event i is a peak if V_i exceeds the
+    threshold, exceeds V of all events in the `search_us` before, and is not below V of all events in the `search_us`
+    after. A peak is therefore known at the first event more than `search_us` later, or at the end of the recording.
 
     Args:
         search_us: time before and after a peak in which no potential is higher, us.

@@ -106,7 +106,7 @@ class Recording:
         return events if self.span_us is None else events.between(*self.span_us)
 
     def stamp(self) -> str:
-        """Return the stamp of `read` if it has one, else a digest of the bytes; see `Sample`."""
+        """Return the stamp of `read` if `read` has this method, else a digest of the bytes; see `Sample`."""
         stamp: Callable[[], str] | None = getattr(self.read, "stamp", None)
         return stamp() if stamp else hashlib.sha256(self.read()).hexdigest()
 

@@ -232,10 +232,10 @@ class ShotNoise(Filter):
 class TAR(Sieve):
     """Keep events in temporal active regions.
 
-    Every event, of either polarity and whether it passes or not, adds 1 to a mask in the square of side
-    ``2 radius + 1`` around its pixel. The mask decays exponentially. An event passes if the mask at its pixel,
-    including the event's own 1, exceeds `theta`. The decay of a mask value since its last update is computed at its
-    next update.
+    Every event adds 1 to a mask in the square of side ``2 radius + 1`` around the event's pixel. Events of both
+    polarities count, and also events that do not pass. The mask decays exponentially. An event passes if the mask at
+    its pixel, including the event's own 1, exceeds `theta`. The decay of a mask value is computed at the next update of
+    the value.
 
     Attributes:
         tau: decay time constant, s.

@@ -52,7 +52,7 @@ def _extended_length(at, end, count):
 
 @subkernel
 def _copy_bytes(to, start, count):
-    """Copy bytes one by one, so that overlapping ranges repeat the bytes just written."""
+    """Copy byte after byte, so that overlapping ranges repeat the bytes just written."""
     never_inline()
     for k in range(count):
         copy1(to + k, start + k)
@@ -218,7 +218,7 @@ def address(array):
 
 @intrinsic
 def never_inline(typing):
-    """Keep the calling function from being inlined into its callers, because their fast path would slow down."""
+    """Keep the calling function from being inlined, because the fast path of the callers would slow down."""
 
     def build(context, builder, signature, arguments):
         builder.function.attributes.add("noinline")

@@ -93,7 +93,7 @@ def unit_of(t: Array) -> int:
 def order_of(columns: Array, has_points: Sequence[bool] = (False,) * 4) -> str:
     """Return the order of four columns without names: the most likely one with valid coordinates and polarities.
 
-    An order is preferred if its times have decimal points and its coordinates have none. If time runs back in the most
+    An order is preferred if the times have decimal points and the coordinates have none. If time runs back in the most
     likely order, another order is chosen only if its times rise `MANY` times and never fall.
     Example: the rows (5, 1, 2, 1) and (3, 1, 2, 0) are t x y p, with a time that runs back.
 

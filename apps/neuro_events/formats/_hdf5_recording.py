@@ -223,7 +223,7 @@ def _usual_order(table: Any) -> str:
 
 
 def _first_rows(table: Any) -> Any:
-    """Return the first rows, or only those of the first chunk if later ones cannot be read."""
+    """Return the first rows, or only the rows of the first chunk if later chunks cannot be read."""
     check_filters(table)
     check_length(table)
     counts = [ROWS, min(ROWS, (table.chunks or (ROWS,))[0])]

@@ -212,11 +212,11 @@ class SeekPoint:
 def seek_point(start: int, clocks: Iterable[tuple[int, int]], time: int, period: int) -> SeekPoint:
     """Return the last block that begins before a time.
 
-    One time per block suffices, without decoding, as long as times do not run back. A wrap of the clock appears as a
-    fall of these times from the last sixteenth of its range to the first. A wrap goes unnoticed only if one block of
-    1 MiB spans a whole range: in DAT fewer than 31 events/s during 71 minutes, in EVT 2.0 fewer than 15 events/s during
-    4.8 hours, within a long recording. Any other fall means damage or unordered events. In this case the file is
-    decoded from the beginning.
+    A single time per block suffices, without decoding, as long as times do not run back. At a wrap of the clock, these
+    times fall from the last sixteenth of the clock's range to the first. A wrap goes unnoticed only if a block of 1 MiB
+    spans a whole range: in DAT fewer than 31 events/s during 71 minutes, in EVT 2.0 fewer than 15 events/s during 4.8
+    hours, within a long recording. Any other fall means damage or unordered events. In this case the file is decoded
+    from the beginning.
 
     Args:
         start: first byte of the events, the fallback.

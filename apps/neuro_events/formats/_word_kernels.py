@@ -151,7 +151,7 @@ def _unsigned(raw):
 
 @cache
 def decoder(layout, how=kernel):
-    """Return the decoder of a layout; its arguments are those of `decode` below.
+    """Return the decoder of a layout, which is the function `decode` below.
 
     Args:
         layout: a `Layout`.
@@ -208,7 +208,7 @@ def decoder(layout, how=kernel):
 
     @subkernel
     def one_by_one(data, at, stop, begin, clock, last_time, state, t, x, y, p):
-        """Decode words one by one, up to the byte `stop`. A separate function keeps its variables in registers.
+        """Decode word after word, up to the byte `stop`. In a separate function the variables stay in registers.
 
         Returns:
             The number of events, the next byte, `begin`, `clock`, the last time, the largest x and y, and True if time

@@ -1,4 +1,4 @@
-"""Layouts of event words as data, interpreted by one decoder and one encoder."""
+"""Layouts of event words as data, which a single decoder and a single encoder interpret."""
 
 from __future__ import annotations
 

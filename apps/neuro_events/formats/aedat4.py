@@ -146,7 +146,7 @@ Buffer = bytes | memoryview
 
 
 class Malformed(ValueError):
-    """Error about a buffer: an offset leads out of it, or its kind is wrong."""
+    """Error about a buffer: an offset leads out of the buffer, or the buffer is of another kind than expected."""
 
 
 class FlatTable:
@@ -338,7 +338,7 @@ class Aedat4:
         buffer.commit([buffer.used], [place], buffer.used + count, (x, y), ordered)
 
     def _add_similar(self, cursor: Cursor, buffer: GrowingArray, counts: npt.NDArray[np.int64]) -> None:
-        """Add the next packets that begin like those before, as long as they are buffered and the columns suffice."""
+        """Add the next packets that begin like the packet before, as long as the buffer and the columns suffice."""
         if not self._packets.is_known:
             return
         place, data = cursor.at, cursor.buffered
@@ -500,7 +500,7 @@ def _vector(kind: bytes, count: int, items: bytes) -> bytes:
 
 
 def _packet_table(rows: list[tuple[int, int, int, int, int]]) -> bytes:
-    """Return the FlatBuffer `FTAB`: one table per packet, with one list of fields for all."""
+    """Return the FlatBuffer `FTAB`: a table for each packet. All tables share a list of fields."""
     n = len(rows)
     fields = _VECTOR.size + 4 * n
     begin = (fields + _FIELDS.size + 7) // 8 * 8

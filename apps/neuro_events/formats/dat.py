@@ -70,7 +70,7 @@ class Header:
 
     @property
     def coding(self) -> str | None:
-        """Coding of a RAW file as the header states it, such as ``EVT3``, ``EVT2`` or ``EVT21``, or None."""
+        """Coding that the header of a RAW file states, e.g. ``EVT3``, ``EVT2`` or ``EVT21``, or None."""
         if "format" in self.fields:
             return self.fields["format"].split(";")[0].strip().upper()
         version = self.fields.get("evt")

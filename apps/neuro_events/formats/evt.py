@@ -101,8 +101,8 @@ class Evt2(Evt):
     first TIME_HIGH are skipped too, because their times are unknown. ``metadata["other_words"]`` counts all skipped
     words.
 
-    The clock wraps after 2^34 us (4.8 hours): a TIME_HIGH in the last sixteenth of its range followed by one in the
-    first sixteenth counts as a wrap, and 2^34 us are added from there on.
+    The clock wraps after 2^34 us (4.8 hours). A fall of TIME_HIGH from the last sixteenth of the range to the first
+    counts as a wrap, and 2^34 us are added to all later times.
 
     Source: Prophesee, "EVT 2.0 format", docs.prophesee.ai.
     """
@@ -376,7 +376,13 @@ def _words(data: bytes, dtype: str, size: int) -> Words:
 
 
 def _likely(invalid: npt.NDArray[np.bool_], words: Words, kind_at: int) -> bool:
-    """Return whether a coding is likely, from its invalid words, its words, and the lowest bit of their kind."""
+    """Return whether a coding is likely.
+
+    Args:
+        invalid: (n,) True for words that are invalid in the coding.
+        words: (n,) words.
+        kind_at: lowest bit of the kind in a word.
+    """
     high = (words[words >> kind_at == TIME_HIGH] & ((1 << kind_at) - 1)).astype(np.int64)
     step = np.diff(high)
     falls = (step < 0) & (step > -(1 << (kind_at - 1)))

@@ -1,4 +1,4 @@
-"""NPZ of NumPy: arrays t, x, y, p, or one structured array with these fields.
+"""NPZ of NumPy: arrays t, x, y and p, or a structured array with the fields t, x, y and p.
 
 Names and units are as in `_columns`. ``sensor_size`` (width, height), or ``width`` and ``height``, are read if present.
 The arrays are read in parts side by side, so that a file of any size needs little memory. Arrays of Python objects are

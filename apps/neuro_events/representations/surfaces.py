@@ -365,9 +365,9 @@ def hats(
     """Average the time surfaces around events over cells of the sensor.
 
     The local memory time surface of event i is T_i[dy, dx], the sum of exp(-(t_i - t_j) / tau) over the earlier events
-    j, at most `window_us` before, of the same polarity, in the same cell, and at (x_i + dx, y_i + dy). A cell's
-    histogram is the sum of T_i over its events, by polarity, divided by the number of its events. Events at equal times
-    are processed in their order.
+    j, at most `window_us` before, of the same polarity, in the same cell, and at (x_i + dx, y_i + dy). The histogram of
+    a cell is, for each polarity, the sum of T_i over the events of the polarity, divided by the number of all events in
+    the cell. Events at equal times are processed in their order.
 
     tonic's ``ToAveragedTimesurface(decay="exp")`` equals this function with ``itself=True, normalise="polarity"``; its
     first axis combines the first two axes here.

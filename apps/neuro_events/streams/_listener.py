@@ -73,10 +73,10 @@ class StreamCounts:
 
 
 class Listener:
-    """A stream of events, received from now on. Made by `listen`, closed by `close` or a `with` block.
+    """A stream of events from the network. `listen` opens the stream, and `close` or a `with` block closes the stream.
 
-    A thread receives, outside the interpreter, into a buffer of fixed size. One thread of the program takes the events
-    from the buffer. Iteration yields parts as they arrive, at most one per `tick_ms`, so that filters and
+    A thread receives, outside the interpreter, into a buffer of fixed size. The program takes the events from the
+    buffer, always in the same thread. Iteration yields the arriving events in parts, at most one part per `tick_ms`, so that filters and
     representations process a stream like the parts of a recording.
 
     Attributes:

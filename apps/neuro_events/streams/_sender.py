@@ -201,7 +201,7 @@ def paced(parts: Iterable[Events], sink: Channel, speed: float, report: Callable
 
 
 def _timed_pieces(part: Events, zero: int, begin: float, speed: float) -> Iterator[tuple[float, Events]]:
-    """Cut a part into pieces. Yield each piece when it is due, after the scheduled time of its first event, s.
+    """Cut a part into pieces. Yield the scheduled time of a piece's first event, s, and the piece, as soon as it is due.
 
     Args:
         part: events.
