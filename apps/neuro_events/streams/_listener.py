@@ -76,8 +76,8 @@ class Listener:
     """A stream of events from the network. `listen` opens the stream, and `close` or a `with` block closes the stream.
 
     A thread receives, outside the interpreter, into a buffer of fixed size. The program takes the events from the
-    buffer, always in the same thread. Iteration yields the arriving events in parts, at most one part per `tick_ms`, so that filters and
-    representations process a stream like the parts of a recording.
+    buffer, always in the same thread. Iteration yields the arriving events in parts, at most one part per `tick_ms`, so
+    that filters and representations process a stream like the parts of a recording.
 
     Attributes:
         url: the address, with the actual port if port 0 was specified.

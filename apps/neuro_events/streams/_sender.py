@@ -201,7 +201,7 @@ def paced(parts: Iterable[Events], sink: Channel, speed: float, report: Callable
 
 
 def _timed_pieces(part: Events, zero: int, begin: float, speed: float) -> Iterator[tuple[float, Events]]:
-    """Cut a part into pieces. Yield the scheduled time of a piece's first event, s, and the piece, as soon as it is due.
+    """Cut a part into pieces. At the time of a piece's first event, yield this time, s, and the piece.
 
     Args:
         part: events.
