@@ -31,7 +31,7 @@ from neuro.core.registry import Registry
 from neuro.core.values import shown
 
 SEED = "seed"
-"""Name of the argument for the seed. Descriptions lack it, because a network derives the seed from its own."""
+"""Name of the argument for the seed. A description has no seed, because the network derives one from its own seed."""
 
 _KINDS = {float: "number", int: "integer", bool: "boolean"}
 _ARGUMENTS = re.compile(r"^Args:\n((?: .*\n|\n)*)", re.M)
@@ -54,7 +54,7 @@ class Code(Choice):
 
     An instance is a code with parameters, e.g. `{rank: {window: 20.0}}` in a description.
 
-    The parameters are the arguments of the function. Annotations give their kinds, and the docstring their meanings.
+    The parameters are the arguments of the function, with kinds from the annotations and meanings from the docstring.
     """
 
     kind: ClassVar[str] = "code"
@@ -65,7 +65,7 @@ class Code(Choice):
     source: ClassVar[str] = ""
 
     def __call__(self, values: Floats, seed: int) -> Floats:
-        """Return spike times or rates. The shape is that of the values, with perhaps one more axis for spikes.
+        """Return spike times in ms or rates in Hz, in the shape of the values, or with one more axis for spikes.
 
         Raises:
             ModelError: the code refuses a value or a parameter, or returns invalid times or rates.
@@ -76,10 +76,10 @@ class Code(Choice):
         if code.shape[: values.ndim] != values.shape or code.ndim > values.ndim + 1:
             shape, expected = list(code.shape), list(values.shape)
             raise ModelError(f"gives an array of the shape {shape}: expected {expected}, or one more axis")
-        wrong = ~np.isfinite(code) if self.rates else ~(np.isnan(code) | ((code >= 0) & np.isfinite(code)))
-        if wrong.any():
+        is_invalid = ~np.isfinite(code) if self.rates else ~(np.isnan(code) | ((code >= 0) & np.isfinite(code)))
+        if is_invalid.any():
             expected_values = "finite rates" if self.rates else "times >= 0 ms, or NaN for no spike"
-            raise ModelError(f"gives {code[wrong][0]}: expected {expected_values}")
+            raise ModelError(f"gives {code[is_invalid][0]}: expected {expected_values}")
         return code if self.rates or code.ndim > values.ndim else code[..., None]
 
 
@@ -108,18 +108,21 @@ def as_choice(function: Callable[..., Any], rates: bool) -> type[Code]:
         raise TypeError(f"{message}: its annotations cannot be read: {error}") from None
     doc = inspect.getdoc(function) or ""
     meanings = _meanings(doc)
-    described = [p for p in parameters if p.name != SEED]
+    named_parameters = [p for p in parameters if p.name != SEED]
     code_class: type[Code] = make_dataclass(
         function.__name__,
-        [(p.name, Any, _field(message, p, hints.get(p.name, float), meanings.get(p.name, ""))) for p in described],
+        [
+            (p.name, Any, _field(message, p, hints.get(p.name, float), meanings.get(p.name, "")))
+            for p in named_parameters
+        ],
         bases=(Code,),
         namespace={
             "__doc__": doc.partition("\nArgs:")[0].strip(),
             "function": staticmethod(function),
             "values": values.name,
-            "draws": len(described) < len(parameters),
+            "draws": len(named_parameters) < len(parameters),
             "rates": rates,
-            "source": _joined("".join(_SOURCE.findall(doc))),
+            "source": _on_one_line("".join(_SOURCE.findall(doc))),
         },
         frozen=True,
         kw_only=True,
@@ -131,11 +134,11 @@ def as_choice(function: Callable[..., Any], rates: bool) -> type[Code]:
 def _meanings(doc: str) -> dict[str, str]:
     """Return the description of each argument in a docstring."""
     section = _ARGUMENTS.search(doc + "\n")
-    return {name: _joined(text) for name, text in _ARGUMENT.findall(section[1])} if section else {}
+    return {name: _on_one_line(text) for name, text in _ARGUMENT.findall(section[1])} if section else {}
 
 
-def _joined(text: str) -> str:
-    """Return a sentence on one line, without its full stop."""
+def _on_one_line(text: str) -> str:
+    """Return a sentence on a single line, without the full stop."""
     return " ".join(text.split()).removesuffix(".")
 
 

@@ -14,7 +14,7 @@ from neuro.core.errors import ModelError
 
 Ids = npt.NDArray[np.int64]
 ROUNDING = 8 * float(np.finfo(np.float64).eps)
-"""Largest rounding error of a vector sum's length, as a share of the added lengths, including that of the angles."""
+"""Largest rounding error of the length of a vector sum, as a share of the sum of lengths. Angles are rounded, too."""
 
 
 def highest_rate(counts: npt.ArrayLike) -> Ids:

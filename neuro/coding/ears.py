@@ -5,8 +5,8 @@
 | sound to channels | `Cochlea` (gammatone filters, sample by sample), `MelBands` (bands of spectra, frame by frame) |
 | channels to spikes | `HairCells` (integrate-and-fire), `crossings` (passed thresholds), rates |
 
-All of them are streams: a sound in pieces gives the same result as the whole sound. Rates are the levels times a
-largest rate, and `neuro.coding.poisson` turns them into spikes.
+Every step works on streams: a sound in pieces gives the same result as the whole sound. Rates are the levels times a
+largest rate, and `neuro.coding.poisson` turns rates into spikes.
 
 Source: gammatone filters: Slaney, Apple Computer Technical Report 35, 1993; mel scale: O'Shaughnessy, Speech
 Communication, 1987; spikes of integrate-and-fire cells behind a half-wave rectifier: Cramer, Stradmann, Schemmel &
@@ -141,6 +141,7 @@ class HairCells:
 
 @kernel
 def _integrate(drive, gain, keep, rest, first, v, until, fired):  # type: ignore[no-untyped-def]
+    """Advance all cells by the samples of `drive`, (samples, channels), and set `fired` to True at spikes."""
     for t in range(drive.shape[0]):
         for k in range(drive.shape[1]):
             if first + t < until[k]:
@@ -155,8 +156,7 @@ def _integrate(drive, gain, keep, rest, first, v, until, fired):  # type: ignore
 class MelBands:
     """Logarithmic energy in triangular bands, evenly spaced in mels, frame by frame, for a sound in pieces.
 
-    The window of a frame ends with the frame, so no future sample is needed. The time before the first sample is
-    silent.
+    The window of a frame ends with the frame, so no future sample is needed. Silence precedes the first sample.
 
     Args:
         rate: sampling rate, Hz.

@@ -143,7 +143,7 @@ def population(
     max_rate: float,
     fields: Literal["gaussian", "cosine"] = "gaussian",
 ) -> Floats:
-    """Population code: each value excites n neurons, most strongly those with a field near the value.
+    """Population code: each value excites n neurons, most strongly the neurons whose field is near the value.
 
     Gaussian fields lie on a line: with the distance ``d = (r_max - r_min) / (n - 2)`` the centre of neuron i, from 0,
     is ``r_min + (i - 1/2) d``, and the standard deviation is d / 1.5. Cosine fields lie on a circle, on which
@@ -191,9 +191,9 @@ _ROUNDING = 1e-9  # a product this close to a whole number counts as that number
 def poisson(r: npt.ArrayLike, window: float, seed: int = 0) -> Floats:
     """Poisson trains: the number of spikes follows ``(lambda T)^k exp(-lambda T) / k!``, and spike times are uniform.
 
-    Mean and variance of the number are lambda T. Drawing at most one spike in a step h would change one of them: with
-    the probability lambda h the variance is (1 - lambda h) times the mean, and with 1 - exp(-lambda h) the mean is too
-    small.
+    Mean and variance of the number are lambda T. At most one spike in each step h would change the mean or the
+    variance: with the probability lambda h the variance is (1 - lambda h) times the mean, and with 1 - exp(-lambda h)
+    the mean is too small.
 
     Args:
         r: rates, Hz, at least 0, any shape.
@@ -290,7 +290,7 @@ def burst(
 
 
 def check_bounds(r_min: float, r_max: float) -> None:
-    """Raise an error if a bound is NaN or the bounds are not in this order."""
+    """Raise an error if a bound is NaN, or ``r_min`` is not below ``r_max``."""
     argument("r_min", r_min)
     argument("r_max", r_max)
     if not r_min < r_max:

@@ -35,12 +35,12 @@ SILENT = 0.01
 NEAR = 5
 """Largest number of tuning curves of a dimension with at least the activity SILENT at one value."""
 LOW, HIGH, STATES, MIDDLE, SPREAD = range(5)
-"""Rows of the array of a space, (5, dimensions) float64: lowest and highest value, number of states or 0, and mean and
-standard deviation of dimensions without a bound."""
+"""Rows of the array `ends` of a space, (5, dimensions) float64: lowest and highest value, number of states or 0, and
+mean and standard deviation of dimensions without a bound."""
 Parts: TypeAlias = tuple[Ints, Ints, Floats, Ints]
 """Arrays of g grids with s dimensions each: indices of the dimensions, strides of the neurons along each dimension, and
-shifts of the grid as shares of a field, all (g, s); index of the first neuron, (g,). The tuple is a plain one, because
-a kernel reads a named tuple four times slower, and is called for each vector."""
+shifts of the grid as shares of a field, all (g, s); index of the first neuron, (g,). A plain tuple, because a kernel
+is called for each vector, and reads a named tuple four times slower."""
 GOLDEN = 0.6180339887498949
 """Neuron k has the phase k GOLDEN modulo 1, so the phases of any number of neurons are spread evenly."""
 
@@ -148,11 +148,11 @@ class Fields:
         """
         raise NotImplementedError
 
-    def _placing(self, continuous: int, states: int) -> float:
+    def _position_macs(self, continuous: int, states: int) -> float:
         """Return the number of operations that find the position of a vector along the dimensions of all groups.
 
-        The position of a value between its bounds takes 5 operations, see `_share`: a difference, a division, or a
-        factor and a tanh, and two limits.
+        The position of a value between its bounds takes at most 5 operations, see `_share`: a difference, two limits,
+        and a division, or a factor and a tanh in place of the division.
 
         Args:
             continuous: further operations for a continuous dimension.
@@ -163,8 +163,8 @@ class Fields:
     def _layout(self, members: Sequence[Sequence[int]], cells: Sequence[int]) -> None:
         """Number the neurons of each grid or group, from the number of neurons along each dimension."""
         strides, first_neurons = [], []
-        for chosen in members:
-            steps = np.cumprod([1, *(cells[d] for d in chosen)], dtype=np.float64)
+        for dims in members:
+            steps = np.cumprod([1, *(cells[d] for d in dims)], dtype=np.float64)
             strides.append(steps[:-1])
             first_neurons.append(self.size)
             if self.size + steps[-1] > MOST:
@@ -184,8 +184,8 @@ class Fields:
 class _Grids(Fields):
     """Base of the encoders by grids. Each grid has one active neuron."""
 
-    _more: ClassVar[int] = 0
-    """Factor of the shifts: dimension k of a group is shifted by 1 + _more * k times the shift of dimension 0."""
+    _shift_growth: ClassVar[int] = 0
+    """Dimension k of a group is shifted by 1 + _shift_growth * k times the shift of dimension 0."""
 
     def __init__(self, dimensions: Sequence[Dimension], group: int, fields: int, active: int) -> None:
         super().__init__(dimensions, group)
@@ -195,15 +195,15 @@ class _Grids(Fields):
         cells = [dimension.states or fields + 1 for dimension in self.dimensions]
         members: list[tuple[int, ...]] = []
         shift = []
-        for chosen in self._groups:
+        for dims in self._groups:
             # Grids of dimensions with few values would all be the same.
-            count = 1 if all(self.dimensions[d].states for d in chosen) else grids
+            count = 1 if all(self.dimensions[d].states for d in dims) else grids
             if len(members) + count > MOST:
                 raise self._too_many()
             for grid in range(count):
-                members.append(chosen)
-                shift.append([0.0 if self.dimensions[d].states else (grid * (1 + self._more * k) / grids) % 1.0
-                              for k, d in enumerate(chosen)])  # fmt: skip
+                members.append(dims)
+                shift.append([0.0 if self.dimensions[d].states else (grid * (1 + self._shift_growth * k) / grids) % 1.0
+                              for k, d in enumerate(dims)])  # fmt: skip
         self._layout(members, cells)
         self._shift = np.array(shift, dtype=np.float64)
 
@@ -222,10 +222,10 @@ class _Grids(Fields):
     def work(self, ticks: int, poisson: bool = False) -> Work:
         """Return the operations for one vector, see `Fields.work`.
 
-        After its position, each dimension of a grid takes a shift, a rounding and a stride. Each tick of a grid takes a
-        comparison, and with `poisson` also a product with the draw.
+        Each dimension of a grid takes the position of the vector, a shift, a rounding and a stride. Each tick of a grid
+        takes a comparison, and with `poisson` also a product with the draw.
         """
-        macs = self._placing(3, 2) + self.active * (ticks - 1) * (2 if poisson else 1)
+        macs = self._position_macs(3, 2) + self.active * (ticks - 1) * (2 if poisson else 1)
         return on_numbers(macs, len(self.dimensions) + self.active)
 
     def activity(self, vector: Floats) -> tuple[Ints, Floats]:
@@ -239,13 +239,13 @@ class _Grids(Fields):
 
 
 class Places(_Grids):
-    """Place cells: several shifted grids for each group of dimensions. In each grid the field of the vector is active.
+    """Place cells: several shifted grids for each group of dimensions. In each grid the vector lies in a single field.
 
     Dimensions are shifted by different odd shares of a field, so that no grids lie along a diagonal of each other.
 
     Args:
         dimensions: dimensions of the vectors.
-        group: number of dimensions of a grid. Each set of so many dimensions has a group of grids.
+        group: number of dimensions of a grid. There are grids for each combination of `group` dimensions.
         fields: number of fields of a grid along a continuous dimension, at least 2. A dimension with states has a field
             for each state.
         active: approximate number of active neurons and of grids. Each group has at least one grid.
@@ -257,14 +257,14 @@ class Places(_Grids):
         Militzer 1991; place cells as input to an actor and a critic: Foster, Morris & Dayan, Hippocampus 10:1, 2000.
     """
 
-    _more: ClassVar[int] = 2
+    _shift_growth: ClassVar[int] = 2
 
     def __init__(self, dimensions: Sequence[Dimension], group: int = 2, fields: int = 6, active: int = 24) -> None:
         super().__init__(dimensions, group, fields, active)
 
 
 class Tiles(_Grids):
-    """Tile coding: like `Places`, but with equal shifts along all dimensions, and by default one group of all.
+    """Tile coding: like `Places`, but with equal shifts along all dimensions, and by default with grids of all of them.
 
     Args:
         dimensions: dimensions of the vectors.
@@ -302,7 +302,7 @@ class OneHot(_Grids):
 
 
 def _with_states(number: Dimension) -> Dimension:
-    """Return a dimension with a state for each of its values."""
+    """Return a dimension with a state for each value."""
     if number.states:
         return number
     if not (number.whole and number.bounded):
@@ -354,14 +354,14 @@ class Population(Fields):
     def work(self, ticks: int, poisson: bool = False) -> Work:
         """Return the operations for one vector, see `Fields.work`.
 
-        After its position, each dimension of a group takes the middle bell, two roundings and a limit. Each of up to
-        five bells takes a difference, a factor, a square, a factor and an exp. A combination of bells takes a product
-        and a stride for each dimension, and a comparison with the least activity. A tick of regular spikes takes the
-        phase, two sums and two roundings, a tick of random spikes a comparison.
+        Each dimension of a group takes the position of the vector, the middle bell, two roundings and a limit. Each of
+        up to five bells takes a difference, a factor, a square, a factor and an exp. A combination of bells takes a
+        product and a stride for each dimension, and a comparison with the least activity. A tick of regular spikes
+        takes the phase, two sums and two roundings. A tick of random spikes takes a comparison.
         """
         bells = [1 if dimension.states else min(NEAR, int(self._fields)) for dimension in self.dimensions]
         groups = [[bells[d] for d in group] for group in self._groups]
-        macs = self._placing(4, 1) + sum(5 * n for group in groups for n in group if n > 1)
+        macs = self._position_macs(4, 1) + sum(5 * n for group in groups for n in group if n > 1)
         combinations = sum(math.prod(group) for group in groups)
         macs += combinations * (2 * self._group_size + 1)
         macs += combinations * (1 + (ticks - 1)) if poisson else combinations * (2 + 5 * (ticks - 1))

@@ -48,7 +48,7 @@ def dimensions_of(space: gymnasium.Space[Any], name: str = "observation") -> lis
 
 
 def _parts_by_key(space: spaces.Dict, name: str = "observation") -> list[tuple[str, gymnasium.Space[Any]]]:
-    """Return the parts of a Dict by key, since equal spaces may have different orders."""
+    """Return the parts of a Dict sorted by key, because equal spaces may have their keys in different orders."""
     for key in space.spaces:
         if not isinstance(key, str):
             raise ModelError(f"{name} space: the key {key!r} is of type {type(key).__name__}: expected a text")
@@ -123,6 +123,7 @@ class States:
 
 
 def _parts(space: gymnasium.Space[Any], value: Any, leading: tuple[int, ...]) -> Any:
+    """Yield the array of each part of an observation. Its shape is `leading` and the shape of the part's space."""
     if isinstance(space, spaces.Dict):
         for key, part in _parts_by_key(space):
             yield from _parts(part, value[key], leading)
@@ -152,7 +153,7 @@ class Actions:
     Attributes:
         sizes: number of neurons of each circuit.
         space: space of the actions.
-        values: numbers of a Box for the neurons of each circuit, rounded for a Box of whole numbers.
+        values: for each circuit of a Box, the number that each neuron stands for, (neurons,); empty for other spaces.
     """
 
     sizes: tuple[int, ...]
@@ -162,8 +163,8 @@ class Actions:
     def of(self, winners: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
         """Return the actions of all copies, copies first, from the winners of each circuit, (copies, circuits)."""
         if isinstance(self.space, spaces.Box):
-            chosen = np.stack([values[winners[:, k]] for k, values in enumerate(self.values)], axis=1)
-            mean_values = chosen.reshape(len(chosen), *self.space.shape, -1).mean(axis=-1)
+            chosen_values = np.stack([values[winners[:, k]] for k, values in enumerate(self.values)], axis=1)
+            mean_values = chosen_values.reshape(len(chosen_values), *self.space.shape, -1).mean(axis=-1)
             # The mean of numbers at a bound may lie beyond the bound by rounding.
             winners = np.clip(mean_values, self.space.low, self.space.high)
             if np.issubdtype(self.space.dtype, np.integer):

@@ -43,9 +43,10 @@ class RewardScale:
         """Compute the scale from rewards. Nothing changes if all rewards are 0.
 
         A typical reward in each step, for ever, has the value `scale`. If rewards are rare, only the number of rewards
-        within the horizon, and within an episode, counts. The first value of all states is the value of random moves,
-        at least 0: a value that is too high makes an agent explore. If rewards are rare, the first value is at most the
-        best return, since a goal that ends the episode must not have a lower value than the states before it.
+        within the horizon, and within an episode, counts. The value of all states before learning is the value of
+        random moves, at least 0, because a value that is too high makes an agent explore. If rewards are rare, this
+        first value is at most the best return: a goal that ends the episode must not have a lower value than the states
+        before the goal.
 
         Args:
             rewards: rewards of control steps.
@@ -55,9 +56,9 @@ class RewardScale:
         nonzero = all_rewards[all_rewards != 0.0]
         if not nonzero.size:
             return
-        dense, steps, limit = nonzero.size / all_rewards.size, self.horizon, math.inf
-        if dense < 0.5:
-            steps = max(1.0, min(dense * self.horizon, nonzero.size / max(1, len(returns))))
+        density, steps, limit = nonzero.size / all_rewards.size, self.horizon, math.inf
+        if density < 0.5:
+            steps = max(1.0, min(density * self.horizon, nonzero.size / max(1, len(returns))))
             limit = max(0.0, float(nonzero.max()), *returns)
         self.factor = self.scale / (float(np.median(np.abs(nonzero))) * steps)
         self.first = max(0.0, self.factor * min(limit, float(all_rewards.mean()) * self.horizon))
@@ -70,9 +71,9 @@ class RewardScale:
     def excess(self, values: Sequence[float], rewards: Floats) -> float:
         """Return the factor by which rewards and values have to shrink after a control step, 1 for no change.
 
-        Random moves do not show the rewards of a good policy. So rewards shrink to half of MOST when values exceed
-        MOST, and to MOST when one reward exceeds it. Dopamine neurons adapt to the range of rewards, too (Tobler,
-        Fiorillo & Schultz, Science 307:1642, 2005).
+        Random moves do not show the rewards of a good policy. Therefore rewards and values shrink during training: the
+        average value to half of MOST if the average exceeds MOST, and the largest reward to MOST if a reward exceeds
+        MOST. Dopamine neurons adapt to the range of rewards, too (Tobler, Fiorillo & Schultz, Science 307:1642, 2005).
 
         Args:
             values: values of the states, (copies,).
@@ -89,9 +90,9 @@ class RewardScale:
 
 
 class TemporalDifference:
-    """Error of predicted values: reward + discount V(now) - V(before); 0 at the begin of an episode.
+    """Error of predicted values: reward + discount V(now) - V(before); 0 at the beginning of an episode.
 
-    Values of the few copies of a control step are lists, with which Python is faster than calls of numpy.
+    Values are lists of Python, which for the few copies of a network are faster than arrays of NumPy.
 
     Args:
         scale: scale of the rewards.
@@ -112,7 +113,7 @@ class TemporalDifference:
         self.reward, self._value, self._ended = [0.0] * copies, [0.0] * copies, [False] * copies
 
     def errors(self, values: list[float], moment: Moment) -> list[float]:
-        """Return the errors of the step before the last, from the values of the present states."""
+        """Return the errors of the action before the last action. The values of the present states complete them."""
         per_copy = zip(self.reward, values, self._ended, self._value, moment.first.tolist(), strict=True)
         # After a cut-off the value of the state counts, after an end 0. An episode that has just begun has no error.
         errors = [

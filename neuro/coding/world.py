@@ -217,7 +217,7 @@ class Taught:
         raise NotImplementedError
 
     def of(self, values: Floats) -> Floats:
-        """Return the values of the signal from those of another signal, (copies, 1) or (copies, numbers)."""
+        """Return the values of the signal from the values of another signal, both (copies, 1) or (copies, numbers)."""
         return values
 
     def share(self, moment: Moment) -> float:
@@ -256,7 +256,7 @@ class Teacher(Choice):
         """Return the values of a signal for the neurons that receive it, (copies, 1) or (copies, size).
 
         Raises:
-            ModelError: the values are neither one number nor one for each neuron or pair.
+            ModelError: the number of values is neither 1 nor the number of neurons (with `opposed`, of pairs).
         """
         factor = self.scale if self.settle is None else self.scale / (1.0 + time / self.settle)
         scaled = factor * values

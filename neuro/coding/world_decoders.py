@@ -54,9 +54,9 @@ class winner(Decoder):
         if list(sizes) != expected:
             message = f"winner: populations of {list(sizes)} neurons for actions of {space}"
             raise ModelError(f"{message}: expected {len(expected)} of {', '.join(map(str, expected))}")
-        only, *others = self.of
-        if not others:
-            return lambda counts: actions.of(self._winners(counts[only])[:, None])
+        first_name, *other_names = self.of
+        if not other_names:
+            return lambda counts: actions.of(self._winners(counts[first_name])[:, None])
         return lambda counts: actions.of(np.array([self._winners(counts[name]) for name in self.of]).T)
 
     def work(self, sizes: Sequence[int]) -> Work:
@@ -84,7 +84,7 @@ class winner(Decoder):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class difference(Decoder):
-    """Pairs of neurons pull a number up and down: gain x difference of their spikes / largest possible number.
+    """Pairs of neurons pull a number up and down: gain x difference of their spikes / largest possible difference.
 
     Source: Mosca, MSc thesis, 2020, eq. 129.
     """
@@ -129,7 +129,7 @@ class mean(Decoder):
     def made(self, space: gymnasium.Space[Any], sizes: Sequence[int], most: Sequence[float]) -> Act:
         """Make the decoder. Without a spike the action is in the middle of its bounds."""
         box = _box("mean", space)
-        low, high = (np.ravel(each).astype(np.float64) for each in (box.low, box.high))
+        low, high = (np.ravel(bound).astype(np.float64) for bound in (box.low, box.high))
         if len(sizes) != low.size:
             raise ModelError(f"mean: {len(sizes)} populations for actions of {space}: expected {low.size}")
         values = [np.linspace(a, b, n) for a, b, n in zip(low, high, sizes, strict=True)]
@@ -137,11 +137,11 @@ class mean(Decoder):
 
         def act(counts: Mapping[str, Ints]) -> npt.NDArray[Any]:
             numbers = []
-            for name, stands_for in zip(names, values, strict=True):
+            for name, neuron_values in zip(names, values, strict=True):
                 fired = counts[name]
                 spikes = fired.sum(axis=1)
-                total = fired @ stands_for
-                numbers.append(np.where(spikes > 0, total / np.maximum(spikes, 1), stands_for.mean()))
+                total = fired @ neuron_values
+                numbers.append(np.where(spikes > 0, total / np.maximum(spikes, 1), neuron_values.mean()))
             return np.stack(numbers, axis=1).reshape(-1, *box.shape).astype(box.dtype)
 
         return act

@@ -179,16 +179,16 @@ class rates(Encoder):
 class _Pulse(Shown):
     def __init__(self, at: float, neurons: int) -> None:
         self._at, self._neurons = at, neurons
-        self._made: dict[tuple[int, int], Spikes] = {}
+        self._last_spikes: dict[tuple[int, int], Spikes] = {}
 
     def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
         copies, neurons = len(observations), self._neurons
-        if (copies, ticks) not in self._made:
+        if (copies, ticks) not in self._last_spikes:
             tick = min(ticks, max(1, round(self._at * ticks)))
             offsets = np.arange(copies + 1) * neurons
-            made = offsets, np.full(copies * neurons, tick), np.tile(np.arange(neurons), copies)
-            self._made = {(copies, ticks): made}
-        return self._made[copies, ticks]
+            pulse_spikes = offsets, np.full(copies * neurons, tick), np.tile(np.arange(neurons), copies)
+            self._last_spikes = {(copies, ticks): pulse_spikes}
+        return self._last_spikes[copies, ticks]
 
     def work(self, ticks: int, shape: tuple[int, ...]) -> Work:
         return Work()  # the spikes are the same in each step
@@ -214,9 +214,9 @@ class _Rewards(Shown):
 
     def spikes(self, observations: Floats, infos: Infos, ticks: int, rng: np.random.Generator) -> Spikes:
         n_ticks = max(1, int(self._choice.within * ticks))
-        volleys = np.clip(np.rint(self._choice.gain * self._rewards), 0, n_ticks).astype(np.int64)
-        spike_ticks = [1 + np.arange(count) * n_ticks // max(1, count) for count in volleys]
-        offsets = np.concatenate([[0], np.cumsum(volleys)]) * self._neurons
+        spike_counts = np.clip(np.rint(self._choice.gain * self._rewards), 0, n_ticks).astype(np.int64)
+        spike_ticks = [1 + np.arange(count) * n_ticks // max(1, count) for count in spike_counts]
+        offsets = np.concatenate([[0], np.cumsum(spike_counts)]) * self._neurons
         joined = np.concatenate(spike_ticks) if spike_ticks else np.zeros(0, np.int64)
         return offsets, np.repeat(joined, self._neurons), np.tile(np.arange(self._neurons), joined.size)
 

@@ -119,7 +119,7 @@ class _TD(Taught):
 
     def join(self, encoders: Mapping[str, Shown]) -> None:
         if self._td.novelty:
-            names = [name for name, found_name in encoders.items() if type(found_name).cells is not Shown.cells]
+            names = [name for name, encoder in encoders.items() if type(encoder).cells is not Shown.cells]
             if self._td.places not in names:
                 raise unknown("population with fields", str(self._td.places), names, path=("places",))
             encoder = encoders[self._td.places]
@@ -160,8 +160,8 @@ class _TD(Taught):
             self.scale.shrink(share)
         self._difference.take(moment)
         if self._td.novelty:
-            gained = zip(self._difference.reward, self.novelty.of(moment.observations), strict=True)
-            self._difference.reward = [reward + new for reward, new in gained]
+            reward_pairs = zip(self._difference.reward, self.novelty.of(moment.observations), strict=True)
+            self._difference.reward = [reward + new for reward, new in reward_pairs]
         return share
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -177,12 +177,12 @@ class _TD(Taught):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class td(Teacher):
-    """Temporal-difference error of a critic: reward + discount V(now) - V(before); 0 at the begin of an episode.
+    """Temporal-difference error of a critic: reward + discount V(now) - V(before); 0 at the beginning of an episode.
 
-    V is (mean spikes of a neuron of the critic in the step - rest) / gain. `worth` sets a scale if the reward has none:
-    a typical reward in each step, for ever, has that value, so that V stays within the range of the critic's neurons;
-    see `neuro.coding.values.RewardScale`. `novelty` adds a reward for rare states: (1 - discount) novelty / sqrt(n),
-    averaged over the active neurons of `places`, with the number n of times that a neuron has been active.
+    V is (mean spikes of a neuron of the critic in the step - rest) / gain. `worth` scales the rewards: a typical reward
+    in each step, for ever, has the value `worth`, so that V stays within the range of the critic's neurons; see
+    `neuro.coding.values.RewardScale`. `novelty` adds a reward for rare states: (1 - discount) novelty / sqrt(n),
+    averaged over the active neurons of `places`, where n is the number of times that a neuron has been active.
 
     Source: Sutton & Barto, Reinforcement Learning, 2nd ed., 2018, section 6.1; a critic of spiking neurons: Fremaux,
         Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013.

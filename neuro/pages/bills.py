@@ -28,7 +28,7 @@ Bills = Sequence[tuple[str, Energy]]
 
 
 def joules(bills: Bills) -> Html:
-    """Draw all bills, and list the items of each."""
+    """Draw all bills, and list the items of each bill."""
     if not bills:
         return tag("p", "There is no bill.")
     kinds = list(dict.fromkeys(name for _, e in bills for name in e.by_cost() if name != STATIC))
@@ -76,9 +76,11 @@ def _shares(bills: Bills, kinds: list[str]) -> Html:
     rows = []
     for about, e in bills:
         dynamic = [(f"item{kinds.index(name) % COLOURS}", name, j) for name, j in e.by_cost().items() if name != STATIC]
-        kinds_of = [[(k, k, j) for k, j in _energies(e).items() if k != left_out] for left_out in ("waiting", "static")]
+        totals = [
+            [(k, k, j) for k, j in _energies(e).items() if k != other_clock] for other_clock in ("waiting", "static")
+        ]
         label = f"{about}: {quantity(e.dynamic_j, 'J')}"
-        rows.append(_row(label, e, _bar(dynamic, "bar"), *(_bar(parts, "bar thin") for parts in kinds_of)))
+        rows.append(_row(label, e, _bar(dynamic, "bar"), *(_bar(parts, "bar thin") for parts in totals)))
     key = html.legend(*((f"item{i % COLOURS}", _meaning(name)) for i, name in enumerate(kinds)))
     caption = (
         f"Thick: dynamic joules by item. Thin: dynamic and static of the total, {FASTEST} and, below, {REAL_TIME}."
@@ -122,12 +124,12 @@ def _details(about: str, e: Energy) -> Html:
     if len(e.items) > MOST_LINES:
         rows.append((f"{len(e.items) - MOST_LINES:,} more lines", "", "", "", "", ""))
     (_, *clocks), *sums = e.sums()
-    both = html.table(("", *(f">{clock}" for clock in clocks)), sums)
+    sums_table = html.table(("", *(f">{clock}" for clock in clocks)), sums)
     foot = tag("ol", *(tag("li", source) for source in sources))
     remarks = e.remarks(sources=True)
     notes = tag("ul", *(tag("li", note) for note in remarks)) if remarks else None
     head = tag("summary", f"{e.title}, {about}: {e.totals()}")
-    return tag("details", head, html.table(ITEM_COLUMNS, rows), both, tag("h4", "Sources"), foot, notes)
+    return tag("details", head, html.table(ITEM_COLUMNS, rows), sums_table, tag("h4", "Sources"), foot, notes)
 
 
 def _line(item: BillItem, sources: list[str]) -> tuple[object, ...]:

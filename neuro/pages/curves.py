@@ -103,13 +103,13 @@ def world(results: Results) -> Html:
     end, rewards = end_ms(results), results.world["rewards"][:, 0].astype(np.float64)
     actions = results.world["actions"][:, 0].reshape(len(rewards), -1).astype(np.float64)
     times = np.linspace(0.0, end, len(rewards) + 1, dtype=np.float64)[1:]
-    chosen: list[Floats] = [*actions.T[:MOST_LINES]]
-    names = [f"action[{k}]" for k in range(len(chosen))] if len(chosen) > 1 else []
+    action_columns: list[Floats] = [*actions.T[:MOST_LINES]]
+    names = [f"action[{k}]" for k in range(len(action_columns))] if len(action_columns) > 1 else []
     figures = [
         html.figure(
             curves(times, [rewards], None, end, "reward", "reward of each step"), "reward of each step", "reward"
         ),
-        html.figure(curves(times, chosen, None, end, "action", "action", names), "what was done", "action"),
+        html.figure(curves(times, action_columns, None, end, "action", "action", names), "what was done", "action"),
     ]
     return _grid(figures, len(figures), "curves")
 
@@ -122,27 +122,27 @@ def end_ms(results: Results) -> float:
 def _trace(name: str, trace: Trace, last: float) -> Html:
     x, values = _of_synapses(trace) if trace.at_pre_spikes else (trace.times_ms, trace.values)
     values = values[:, None] if values.ndim == 1 else values
-    chosen = evenly(values.shape[1], MOST_LINES)
+    columns = evenly(values.shape[1], MOST_LINES)
     if trace.single:
         label = f"{'mean ' * trace.mean}{trace.state} of {trace.of}"
     else:
         n = values.shape[1]
-        selection = f"{chosen.size:,} of {n:,} {trace.noun}s of " if chosen.size < n else ""
+        selection = f"{columns.size:,} of {n:,} {trace.noun}s of " if columns.size < n else ""
         label = f"{trace.state} of {selection}{trace.of}"
         label += ", as pre spikes leave it" * trace.at_pre_spikes
-    lines = [values[:, column] for column in chosen]
-    names = [] if trace.single else _names(trace, chosen)
+    lines = [values[:, column] for column in columns]
+    names = [] if trace.single else _names(trace, columns)
     return html.figure(curves(x, lines, None, last, trace.unit or trace.state, label, names), label, name)
 
 
-def _names(trace: Trace, chosen: Ints) -> list[str]:
+def _names(trace: Trace, columns: Ints) -> list[str]:
     """Return the name of each drawn line."""
     if trace.at_pre_spikes:
         ends = np.unique(np.stack([trace.pre, trace.post]), axis=1)
-        return [f"{pre} to {post}" for pre, post in ends[:, chosen].T]
+        return [f"{pre} to {post}" for pre, post in ends[:, columns].T]
     if trace.pre is not None and trace.post is not None:
-        return [f"{trace.pre[k]} to {trace.post[k]}" for k in chosen]
-    return [f"{trace.noun} {k if trace.ids is None else trace.ids[k]}" for k in chosen]
+        return [f"{trace.pre[k]} to {trace.post[k]}" for k in columns]
+    return [f"{trace.noun} {k if trace.ids is None else trace.ids[k]}" for k in columns]
 
 
 def _of_synapses(trace: Trace) -> tuple[Floats, Floats]:

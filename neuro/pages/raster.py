@@ -34,7 +34,7 @@ class Window:
 
     Attributes:
         neurons: ids in ascending order; each neuron is a row.
-        steps: first step after the drawn part.
+        steps: end (exclusive) of the drawn steps, from 0.
         size: number of neurons of the population.
     """
 
@@ -80,8 +80,8 @@ def window(size: int, trains: Sequence[tuple[Ints, Ints]], last: int, most: int,
 
 def evenly(size: int, most: int) -> Ints:
     """Return at most `most` of the neurons 0 to size - 1, evenly spaced."""
-    chosen: Ints = np.unique(np.linspace(0, max(size - 1, 0), min(size, most)).astype(np.int64))
-    return chosen
+    ids: Ints = np.unique(np.linspace(0, max(size - 1, 0), min(size, most)).astype(np.int64))
+    return ids
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,6 +132,7 @@ def script() -> str:
 
 
 def _plain(strip: Strip, tallest: float) -> dict[str, object]:
+    """Return a strip as data for the page's script, with a height of at most `tallest` px."""
     neurons = strip.window.neurons
     rows = neurons.size
     return {
@@ -146,7 +147,7 @@ def _plain(strip: Strip, tallest: float) -> dict[str, object]:
 
 
 def packed(keys: Ints) -> str:
-    """Return ascending numbers as base64 of their differences, see the module."""
+    """Return ascending numbers as base64 of the differences; see the module's docstring."""
     gaps = np.diff(keys, prepend=0).astype(np.uint64)
     digits = [gaps]
     while (higher := digits[-1] >> np.uint64(7)).any():

@@ -1,4 +1,4 @@
-"""Self-contained page about a run. It needs neither the network's file nor a network connection."""
+"""Page about a run in a single file, which needs neither the network's description nor a connection."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def page(results: Results, file: Path, target: str = "loihi") -> str:
         target: chip of the bill.
     """
     bill, reason = _bill(results, target)
-    described = _described(results)
+    described = _described_populations(results)
     has_traces = any(trace.population for trace in results.traces.values())
     parts = (
         _head(results),
@@ -107,8 +107,8 @@ def _cards(results: Results, described: Described, bill: Energy | None, target: 
     summary += f"; generators emitted {emitted:,} more" if emitted else ""
     yield html.card("spikes", f"{sum(part.counts['spikes'] for part in cells):,}", summary)
     synapses = sum(part.synapses for part in projections.values())
-    carried = some(int(results.about["counts.synaptic_ops"]), "operation")
-    line = f"in {some(len(projections), 'projection')} carried {carried}"
+    operations = some(int(results.about["counts.synaptic_ops"]), "operation")
+    line = f"in {some(len(projections), 'projection')} carried {operations}"
     yield html.card("synapses", f"{synapses:,}", line)
     returns = results.world.get("returns", ())
     if len(returns):
@@ -130,11 +130,11 @@ def _spikes(results: Results, described: Described) -> Iterator[Html]:
     if len(names) > MOST_STRIPS:
         yield tag("p", f"{len(names) - MOST_STRIPS} more populations are not drawn.")
     silent = [name for name, train in results.populations.items() if train.recorded and train.spikes == 0]
-    left_out = [n for n, train in results.populations.items() if train.counts["spikes"] and not train.steps.size]
+    unrecorded = [n for n, train in results.populations.items() if train.counts["spikes"] and not train.steps.size]
     if silent:
         yield tag("p", f"Silent: {', '.join(silent)}.")
-    if left_out:
-        yield tag("p", f"Not kept: {', '.join(left_out)}; neuro run --record NAME keeps them.")
+    if unrecorded:
+        yield tag("p", f"Not kept: {', '.join(unrecorded)}; neuro run --record NAME keeps them.")
     rows = (_population(name, described, train, results) for name, train in results.populations.items())
     yield table(POPULATIONS, rows)
     if names:
@@ -159,7 +159,7 @@ def _raster(results: Results, names: list[str]) -> Html:
     return html.figure(picture, "Each row is a neuron, the first at the bottom.", class_="raster")
 
 
-def _described(results: Results) -> Described:
+def _described_populations(results: Results) -> Described:
     """Return the described populations, because compiling changes the model of a recording; {} if unknown."""
     try:
         return results.network().populations
@@ -196,10 +196,10 @@ def _weights(results: Results, described: Described) -> Iterator[Html]:
         for name, part in results.projections.items()
         if part.weight is not None and part.weight.size
     ]
-    probed = any(trace.projection for trace in results.traces.values())
-    if histograms or probed:
+    has_traces = any(trace.projection for trace in results.traces.values())
+    if histograms or has_traces:
         yield tag("h2", "Weights")
-    if probed:
+    if has_traces:
         yield tag("h3", "Along time")
         yield traces(results, "projection")
     if histograms:

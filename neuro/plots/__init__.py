@@ -6,8 +6,8 @@ from neuro import plots
 figure = plots.raster(sim, of=["exc", "inh"], window=(100.0, 200.0))
 ```
 Each function returns a Matplotlib figure, or draws into the axes `ax`. No function opens a window, changes a setting
-of Matplotlib or keeps a reference. A figure of too many items shows a part of them. The title
-says so.
+of Matplotlib or keeps a reference. If there are too many items, a figure shows some of the items, and the title has
+the number of items shown.
 """
 
 from neuro.plots._spikes import cv, isi, raster, rate

@@ -48,7 +48,7 @@ def raster(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -
         return _stacked(spike_trains, checked_axes(ax))
     figure, axes = panels(f"{source.network}: spikes", len(spike_trains), spike_trains[0].window)
     for axis, train, colour in zip(axes, spike_trains, colours(), strict=False):
-        times, ids, note = chosen(train, MOST_DOTS)
+        times, ids, note = sample_spikes(train, MOST_DOTS)
         first, last = int(train.neurons[0]), int(train.neurons[-1])
         height = 72 * axis.get_position().height * figure.get_figheight()
         _dots(axis, times, ids, colour, height, last - first + 1)
@@ -69,7 +69,7 @@ def _stacked(spike_trains: list[SpikeTrain], axis: Any) -> Figure:
     ends = np.cumsum(bands)
     notes = []
     for train, colour, end, band in zip(spike_trains, colours(), ends, bands, strict=False):
-        times, ids, note = chosen(train, MOST_DOTS // len(spike_trains))
+        times, ids, note = sample_spikes(train, MOST_DOTS // len(spike_trains))
         rows = (np.searchsorted(train.neurons, ids) + 0.5) / max(train.neurons.size, 1)
         _dots(axis, times, end - band + 0.96 * band * rows, colour, points * band, train.neurons.size)
         notes += [train.population + note] if note else []
@@ -89,7 +89,7 @@ def _dots(axis: Any, times: Floats, rows: NDArray[Any], colour: str, height: flo
     axis.plot(times, rows, marker, color=colour, ms=size, mew=edge, rasterized=times.size > MOST_VECTORS)
 
 
-def chosen(train: SpikeTrain, limit: int) -> tuple[Floats, Ints, str]:
+def sample_spikes(train: SpikeTrain, limit: int) -> tuple[Floats, Ints, str]:
     """Return at most `limit` spikes, chosen evenly and reproducibly, and a note for the title."""
     if train.times_ms.size <= limit:
         return train.times_ms, train.ids, ""
@@ -146,15 +146,15 @@ def binned(train: SpikeTrain, edges: Floats) -> Floats:
 
 def _edges(run: Recorded, train: SpikeTrain, bin: float | str | None) -> tuple[Floats, float]:
     begin, end = train.window
-    width = _fitting(run, end - begin) if bin is None else _checked_bin(run, bin, end - begin)
+    width = _default_bin(run, end - begin) if bin is None else _checked_bin(run, bin, end - begin)
     n_bins = math.ceil((end - begin) / width * (1.0 - 1e-12))
     return np.append(begin + width * np.arange(max(n_bins, 1)), max(end, begin + run.resolution_ms)), width
 
 
-def _fitting(run: Recorded, length: float) -> float:
+def _default_bin(run: Recorded, length: float) -> float:
     """Return a round length of bins in ms, rounded up to whole steps."""
     shortest = max(length / 200.0, run.resolution_ms)
-    return math.ceil(next(t for t in _nice() if t >= shortest) / run.resolution_ms - 1e-6) * run.resolution_ms
+    return math.ceil(next(t for t in _round_lengths() if t >= shortest) / run.resolution_ms - 1e-6) * run.resolution_ms
 
 
 def _checked_bin(run: Recorded, bin: float | str, length: float) -> float:
@@ -168,7 +168,8 @@ def _checked_bin(run: Recorded, bin: float | str, length: float) -> float:
     return clock.ms(clock.step(width, "bin"))
 
 
-def _nice() -> Iterator[float]:
+def _round_lengths() -> Iterator[float]:
+    """Yield 1, 2 and 5 times all powers of ten from 1e-4 to 1e11, ascending."""
     for exponent in range(-4, 12):
         for digit in (1, 2, 5):
             yield float(f"{digit}e{exponent}")
@@ -176,7 +177,7 @@ def _nice() -> Iterator[float]:
 
 BINS = 100
 DRAWN = 0.99
-"""Share of the drawn intervals. The longest intervals would leave no room for the rest."""
+"""Share of the intervals that are drawn. The longest intervals would leave no room for the others."""
 
 
 def isi(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Figure:
@@ -189,7 +190,7 @@ def isi(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> F
         ax: axes to draw into, all populations in one panel; by default a new figure.
 
     Returns:
-        the figure, without the longest hundredth of the intervals; a note says so.
+        the figure, without the longest hundredth of the intervals; a note has the number of intervals that are missing.
 
     Raises:
         ModelError: no spikes of these populations were recorded.

@@ -58,7 +58,7 @@ def trace(run: object, probe: Any = None, *, of: Any = None, window: Any = None,
     source = Recorded(run)
     span = checked_window(source, window)
     all_traces = _traces(source, probe)
-    selected = [(name, part) for name, whole in all_traces if (part := among(whole, of)) is not None]
+    selected = [(name, part) for name, state_trace in all_traces if (part := among(state_trace, of)) is not None]
     if not selected:
         raise ModelError(f"of = {shown(of)}: no probe recorded states of these neurons")
     traces = [(name, _cut(name, part, span)) for name, part in selected]
@@ -76,39 +76,39 @@ def trace(run: object, probe: Any = None, *, of: Any = None, window: Any = None,
     return figure
 
 
-def among(whole: Trace, of: Any) -> Trace | None:
+def among(state_trace: Trace, of: Any) -> Trace | None:
     """Return the part of a trace for the neurons in some views.
 
     The whole trace is returned if no view belongs to the recorded population. The result is None if the views of that
     population contain no recorded neuron.
     """
     views = [view for view in (of if isinstance(of, (list, tuple)) else [of]) if isinstance(view, View)]
-    own_views = [view for view in views if view.population.name == whole.of]
-    if whole.noun != "neuron" or not own_views:
-        return whole
-    columns = np.flatnonzero(np.isin(whole.ids, np.concatenate([view.ids for view in own_views])))
+    own_views = [view for view in views if view.population.name == state_trace.of]
+    if state_trace.noun != "neuron" or not own_views:
+        return state_trace
+    columns = np.flatnonzero(np.isin(state_trace.ids, np.concatenate([view.ids for view in own_views])))
     if not columns.size:
         return None
-    return replace(whole, ids=whole.ids[columns], values=whole.values[:, columns])
+    return replace(state_trace, ids=state_trace.ids[columns], values=state_trace.values[:, columns])
 
 
-def draw(figure: Figure, axis: Any, name: str, whole: Trace) -> None:
+def draw(figure: Figure, axis: Any, name: str, part: Trace) -> None:
     """Draw one trace into axes of a figure, with title and labels."""
-    quantity = f"{whole.state} ({whole.unit})" if whole.unit else whole.state
-    title = f"{name}: {'mean ' * (whole.noun == '' and whole.state != 'rate')}{whole.state} of {whole.of}"
-    if whole.at_pre_spikes:
-        _dots(axis, whole)
+    quantity = f"{part.state} ({part.unit})" if part.unit else part.state
+    title = f"{name}: {'mean ' * (part.noun == '' and part.state != 'rate')}{part.state} of {part.of}"
+    if part.at_pre_spikes:
+        _dots(axis, part)
         label(axis, f"{title} at pre spikes", quantity)
-    elif whole.ids.size <= MOST_LINES:
-        for column, (name_of_line, colour) in enumerate(zip(_column_names(whole), COLOURS, strict=False)):
+    elif part.ids.size <= MOST_LINES:
+        for column, (name_of_line, colour) in enumerate(zip(_column_names(part), COLOURS, strict=False)):
             axis.plot(whole.times_ms, whole.values[:, column], color=colour, lw=1.0, label=name_of_line)
-        if whole.ids.size > 1:
+        if part.ids.size > 1:
             legend(axis, MOST_LINES, "right")
         label(axis, title, quantity)
     else:
-        image, note = _map(axis, whole)
+        image, note = _map(axis, part)
         figure.colorbar(image, ax=axis, label=quantity, pad=0.01)
-        label(axis, title + note, whole.noun)
+        label(axis, title + note, part.noun)
 
 
 def _column_names(part: Trace) -> list[str]:
@@ -136,7 +136,7 @@ def _dots(axis: Any, part: Trace) -> None:
 def _traces(run: Recorded, probe: Any) -> list[tuple[str, Trace]]:
     probes = list(probe) if isinstance(probe, (list, tuple)) else run.probes if probe is None else [probe]
     names = []
-    for name in (getattr(each, "name", each) for each in probes):
+    for name in (getattr(item, "name", item) for item in probes):
         of_probe = [trace for trace, probe in run.probes.items() if name in (trace, probe)]
         if not of_probe:
             raise unknown("probe of a state", name, run.probes)
@@ -148,8 +148,8 @@ def _traces(run: Recorded, probe: Any) -> list[tuple[str, Trace]]:
     return traces
 
 
-def _cut(name: str, whole: Trace, window: Window) -> Trace:
-    cut = within(whole, window)
+def _cut(name: str, part: Trace, window: Window) -> Trace:
+    cut = within(part, window)
     if not cut.times_ms.size:
         raise ModelError(f"probe '{name}' recorded nothing in {window[0]:g} to {window[1]:g} ms")
     return cut
@@ -159,7 +159,7 @@ def _map(axis: Any, part: Trace) -> tuple[Any, str]:
     steps = slice(None, None, -(-part.times_ms.size // MOST_TIMES))
     times, values = part.times_ms[steps], part.values[steps]
     n = part.ids.size
-    pick = np.unique(np.linspace(0, n - 1, MOST_ROWS).astype(int))
+    rows = np.unique(np.linspace(0, n - 1, MOST_ROWS).astype(int))
     interval = times[1] - times[0] if times.size > 1 else 1.0
     # Columns that are not consecutive neurons are numbered by their place in the view.
     first = int(part.ids[0]) if (np.diff(part.ids) == 1).all() else 0
@@ -167,9 +167,9 @@ def _map(axis: Any, part: Trace) -> tuple[Any, str]:
     whole_numbers(axis)
     options: dict[str, Any] = {"aspect": "auto", "origin": "lower", "cmap": "cividis", "interpolation": "nearest"}
     limits = axis.get_xlim()
-    image = axis.imshow(values[:, pick].T, extent=extent, **options)
+    image = axis.imshow(values[:, rows].T, extent=extent, **options)
     axis.set_xlim(limits)
-    return image, f", {pick.size} of {n:,} {part.noun}s drawn" if pick.size < n else ""
+    return image, f", {rows.size} of {n:,} {part.noun}s drawn" if rows.size < n else ""
 
 
 MOST_TRACES = 3
@@ -218,14 +218,14 @@ _MAP: dict[str, Any] = {"cmap": "cividis", "interpolation": "nearest"}
 
 
 def weights(run: object, projection: Any, kind: str = "histogram", *, ax: Any = None) -> Figure:
-    """Draw the weights of a projection: for results those at the end of the run, for a simulation the present ones.
+    """Draw the weights of a projection: the weights at the end of a run, or the present weights of a simulation.
 
     Args:
         run: a simulation or results.
         projection: the projection or its name.
-        kind: "histogram"; "matrix", source by target, white without a synapse, and the kernels of a grid; or
-            "time", the trace of a probe of the weights. A cell with several synapses shows their mean; a matrix of more
-            than 500 lines is drawn in blocks.
+        kind: "histogram"; "matrix", source by target, or the kernels of a grid; or "time", the trace of a probe of the
+            weights. A cell of the matrix is white without a synapse, and shows the mean of several synapses. A matrix
+            of more than 500 lines is drawn in blocks.
         ax: axes to draw into; by default a new figure.
 
     Returns:
