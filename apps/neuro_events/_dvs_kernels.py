@@ -27,7 +27,7 @@ spite of rounding. v2e rounds its log intensities to 1e-8 for this purpose."""
 PIXEL = np.dtype(
     [
         ("leak", "f8"),  # log units per us
-        ("bright", "f8"),  # (intensity + 20) / 275 of 0 to 255, in the last image that changed the pixel; v2e's inten01
+        ("bright", "f8"),  # v2e's inten01: (i + 20) / 275, where i is 0 to 255 in the last image that changed it
         ("since", "f8"),  # time to which change and lag refer
         ("lag", "f8"),  # low-passed minus true log intensity
         ("listen", "f8"),  # end of the refractory period
@@ -57,8 +57,8 @@ class Pixels(NamedTuple):
         blocks: (m,) int64, output of `look`: the blocks to process.
         changed: (m,) int64, output of `look`: the number of changed pixels in each of these blocks.
         index: (n,) int64, output of `pick`: the pixels to process.
-        logs: (n,) float64, output of `pick`: their log intensities, NaN if unchanged.
-        bright: (n,) float64, output of `pick`: their `bright` in the new image, see `PIXEL`.
+        logs: (n,) float64, output of `pick`: log intensities of these pixels, NaN if unchanged.
+        bright: (n,) float64, output of `pick`: `bright` of these pixels in the new image, see `PIXEL`.
     """
 
     fixed: Any
@@ -95,7 +95,7 @@ class Curve(NamedTuple):
 
 @subkernel
 def draw(seed, pixel, number):
-    """Return the random word with a number of a pixel. The word depends only on the seed, the pixel and the number."""
+    """Return random word `number` of a pixel. The word depends only on the three arguments."""
     key = draws.mix(np.uint64(seed) + np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15))
     return draws.mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
 
@@ -108,7 +108,7 @@ def unit(word):
 
 @subkernel
 def next_noise(state, i, fixed):
-    """Draw the time of the next noise candidate. The lowest bit of the word is its polarity."""
+    """Draw the time of the next noise candidate. The lowest bit of the drawn word is the polarity of the candidate."""
     state.drawn += 1
     state.noise -= fixed.wait * log(unit(draw(fixed.seed, i, state.drawn)))
 
@@ -330,7 +330,7 @@ def few_in_order(t, pixel, p, width, out_t, out_x, out_y, out_p):
 
 
 MANY = 48
-"""Number of changed pixels from which on a block is processed in one vectorised loop."""
+"""Smallest number of changed pixels of a block that is processed in one vectorised loop."""
 
 
 @subkernel

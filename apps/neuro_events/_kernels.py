@@ -483,8 +483,9 @@ def leave(now, t, x, y, constants, oldest, reference, here, filled, following):
 def forget(t, x, y, constants, memory, inside, queues, following):
     """Remove the events that have left the window by the time of the last event from all cells.
 
-    No result changes, because later events do not use the removed events. The remaining events are renumbered: the
-    first event that is still in a memory becomes event 0. Arguments as for `histograms`.
+    No result changes, because a cell changes only at its own events, and later events do not use the removed events.
+    The remaining events are renumbered: the first event that is still in a memory becomes event 0. Arguments as for
+    `histograms`.
 
     Returns:
         The old number of the new event 0.

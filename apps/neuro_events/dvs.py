@@ -374,14 +374,15 @@ def frames_of(
 ) -> Iterator[tuple[int, Image]]:
     """Yield images of a scene for `DVS.record` or `DVS.watch`, at fixed or adaptive steps.
 
-    Between two images the camera assumes that the log intensity changes linearly. With `change`, an interval in which
-    any pixel changes by more is halved until no pixel does. A change that reverts within one `step_us` is not noticed.
+    Between two images the camera assumes that the log intensity changes linearly. With `change`, an interval is halved
+    as long as the log intensity of a pixel changes by more than `change`. A change that reverts within one `step_us` is
+    not noticed.
 
     Args:
         scene: function from a time, us, to an image as for `DVS.see`.
         start_us: time of the first image, us.
         stop_us: time of the last image, us, even if the steps do not end there.
-        step_us: time between images, us; the longest one with `change`.
+        step_us: time between images, us; with `change` the longest time.
         change: largest change of the log intensity between images. None: fixed steps. Values below half a threshold
             hardly change the times of events.
         shortest_us: smallest interval, us, even if an edge jumps.

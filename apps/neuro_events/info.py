@@ -15,13 +15,13 @@ from neuro_events.opening import Checker, opened, smallest
 from neuro_events.source import EventFileError, EventFileWarning, FileInput
 
 BIN_US = 10_000
-"""Bin for the highest rate, us."""
+"""Length of the bins whose counts give the highest rate, us."""
 GAPS = 3
 """Number of gaps that `Info` lists."""
 HOT = 10
 """Number of hot pixels that `Info` lists."""
 PIXELS = 1 << 24
-"""Largest sensor whose events are counted per pixel, px. Sensors on the market have at most a sixteenth as many."""
+"""Largest sensor whose events are counted per pixel, px. Sensors on the market have at most 1/16 of this size."""
 
 OWN_METADATA = ("format", "t0")
 """Metadata that the readers add. `Info` has attributes for both."""

@@ -37,7 +37,7 @@ class Checker:
         self._n_dropped = 0
 
     def highest(self, piece: Piece) -> tuple[int, int]:
-        """Return the largest x and y of a piece, (-1, -1) for an empty one."""
+        """Return the largest x and y of a piece, (-1, -1) for an empty piece."""
         if not piece.t.size:
             return -1, -1
         if piece.highest is not None:

@@ -33,7 +33,7 @@ catches a mistaken `scale`."""
 STILL = 25
 """Largest number of equal frames in a row, one second by default. Further equal frames are skipped."""
 WINDOW_US, FRAMES = 40_000, 25
-"""Default length of a window, us, and number of windows of a recording that is too short for 25 such windows."""
+"""Default length of a window, us. A recording that is shorter than 25 such windows gets 25 shorter windows."""
 LONGEST_LOOK_AHEAD = 1 << 22
 """Number of events (55 MB) that are held at most to find out whether a recording is short."""
 MARK = "neuro events gif"
@@ -249,7 +249,7 @@ def _thin(parts: Iterable[Events], most: int) -> tuple[Events | None, int, int]:
     selected: list[Events] = []
     total, step = 0, 1
     for part in parts:
-        selected.append(part[-total % step :: step])  # from the first event whose number in the recording is n step
+        selected.append(part[-total % step :: step])  # the events whose number in the recording is a multiple of step
         total += len(part)
         while sum(map(len, selected)) > most:
             step *= 2

@@ -51,7 +51,8 @@ class Played(Protocol):
     def parts(self, start_us: int | None = None, least: Size = (1, 1)) -> Iterator[Events]:
         """Yield the events in the order of time. Events before `start_us` may be omitted.
 
-        Arrays state no sensor. The sensor is then the smallest one of at least `least` px that contains the events.
+        If the events are arrays, which state no sensor, the sensor is the smallest that contains the events and has at
+        least `least` px.
         """
 
 
@@ -128,7 +129,7 @@ class OfEvents:
 
 @dataclass(slots=True, eq=False, repr=False)
 class OfIterator:
-    """Parts that a program makes during playing: from an iterator, once, or from a function that makes iterators."""
+    """Parts that a program makes while they play: an iterator, which plays once, or a function that makes iterators."""
 
     kind: ClassVar[str] = "recording"
     make: Callable[[], Iterable[Events]]

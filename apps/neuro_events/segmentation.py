@@ -8,8 +8,8 @@
 | `peak_segments`, `Peaks` | where a leaky neuron's potential peaks | soft segmentation (SES), EDHMAX |
 
 The functions return the bounds of a complete recording: segment i is ``events[bounds[i]:bounds[i + 1]]``. The classes
-implement the same methods with state, so that `segmented` can cut a recording that comes in parts. Both yield the same
-segments.
+implement the same methods with state, so that `segmented` can cut a recording that comes in parts. The function and the
+class of a method yield the same segments.
 
 Source: thesis sections 3.3 (lines 870-880) and 6.1.1 (lines 2165-2176).
 """
@@ -39,7 +39,7 @@ class Cutter(Protocol):
     """A segmentation method that finds the ends of segments while events arrive."""
 
     def cuts(self, t: Times) -> Times:
-        """Process the next events and return the ends of the segments that they complete.
+        """Process the next events and return the ends of the segments that these events complete.
 
         Example: a cutter that needs two events per segment returns [2] for the first three events, and [4] for the
         fourth.

@@ -224,7 +224,7 @@ class Dataset(Sequence[tuple[Any, int]]):
         return self._with(_transform=transform if previous is None else _Composition(previous, transform))
 
     def cached(self, path: str | os.PathLike[str] | None = None, *, jobs: int | None = None) -> Self:
-        """Return the same samples with a cache, so that each is decoded once.
+        """Return the same samples with a cache, so that each sample is decoded once.
 
         Args:
             path: an HDF5 file, written with `to_hdf5` if missing. None: events stay in memory after their first access.

@@ -170,7 +170,7 @@ class Recordings(Sequence[Sample]):
         """Return some of the recordings, in the given order.
 
         Args:
-            indices: (n,) whole numbers; negative ones count from the end.
+            indices: (n,) whole numbers; negative numbers count from the end.
 
         Raises:
             ModelError: `indices` are not whole numbers (for a mask use `numpy.flatnonzero`), or one is out of range.
@@ -293,7 +293,7 @@ def recordings(
     is the name of its folder, at any depth (``Train/<digit>/<index>.bin``), and files without class folders need a
     ``MANIFEST.csv`` with the columns file, label, class. An HDF5 file has ``/<class>/<sample>``, as
     `neuro.events.Dataset.to_hdf5` and ``neuro events tohdf5`` write it. Files may have any format that
-    `neuro.events.load` reads, also different ones. A single recording has the class ``label``. An NPZ file of
+    `neuro.events.load` reads, and the formats may differ. A single recording has the class ``label``. An NPZ file of
     ``images`` (n, height, width) uint8 and ``labels`` (n,) has one recording per picture, with one event per grey level
     of a pixel.
 

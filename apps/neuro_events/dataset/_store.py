@@ -329,7 +329,7 @@ def _result_of_file(path: Path, samples: Sequence[Any], plan: str, choice: str) 
 
 
 def _prepare_folder(folder: Path, plan: str) -> None:
-    """Make the folder for batch files, or check that an existing one belongs to this plan."""
+    """Make the folder for batch files, or check that an existing folder belongs to this plan."""
     note = folder / "plan.txt"
     try:
         folder.mkdir(exist_ok=True)
@@ -348,7 +348,7 @@ def _prepare_folder(folder: Path, plan: str) -> None:
 def _packed_numbers(folder: Path, samples: Sequence[Any]) -> set[int]:
     """Return the numbers of all samples in intact batch files.
 
-    Damaged and incomplete batch files, and those with a sample that was changed later, are removed.
+    A batch file is removed if it is damaged or incomplete, or if one of its samples was changed later.
     """
     numbers: set[int] = set()
     for stray in folder.glob(".*.part"):

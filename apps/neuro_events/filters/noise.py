@@ -103,8 +103,8 @@ def hot_pixels(
         events: a recording or its parts.
         above_hz: highest rate of a normal pixel, events/s, from the first to the last event of the recording.
         times: without `above_hz`, a pixel is hot if it has more than `times` the events of the busiest of its
-            8 neighbours, which counts as at least 1. The edge of an object passes over neighbours too, while a defect
-            affects one pixel. The default of 10 is this library's choice.
+            8 neighbours. If all neighbours are silent, a hot pixel has more than `times` events. The edge of an object
+            passes over neighbours too, while a defect affects one pixel. The default of 10 is this library's choice.
 
     Returns:
         (n, 2) columns and rows, ordered by row.

@@ -71,7 +71,7 @@ class Names:
 
 
 def find_names(names: Iterable[str]) -> Names | None:
-    """Return the columns of t, x, y and p among a table's names, or None if one is missing. The first match counts."""
+    """Return the first columns of t, x, y and p among a table's names, or None if a column is missing."""
     matches: dict[str, str] = {}
     unit = None
     for name in names:
@@ -146,8 +146,8 @@ def _rises(columns: Array, order: str) -> int:
 def _may_be_time(columns: Array, order: str) -> bool:
     """Return whether a column may be a time: it never falls, and rises in at least every second row.
 
-    With fewer than `MANY` rows a change suffices. A simulator that lists the events of one time row by row of the
-    sensor has a y that rises less often.
+    With fewer than `MANY` rows a change suffices. In the output of a simulator that lists the events of one time row by
+    row of the sensor, y rises less often.
     """
     steps = np.diff(columns[:, order.index("t")])
     if len(steps) < MANY:

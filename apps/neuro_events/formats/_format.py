@@ -86,7 +86,7 @@ class Reader(Protocol):
 
     Attributes:
         sensor_size: width and height that the file or the format states, or None; may raise `Damage`.
-        metadata: further properties that the file states.
+        metadata: other properties that the file states, by name.
     """
 
     @property
@@ -128,7 +128,7 @@ class Sized(Protocol):
     way_out: str
 
     def use_sensor(self, size: Size) -> None:
-        """Decode the file as one from this sensor. Called first, if the user specifies a size.
+        """Decode the file as a recording of this sensor. Called first, if the user specifies a size.
 
         Raises:
             Damage: no sensor of the format has this size.

@@ -237,7 +237,7 @@ def _first_rows(table: Any) -> Any:
 
 
 DEPTH = 3
-"""Number of levels to search, as in ``/davis/left/events``."""
+"""Number of levels to search. Example: ``/davis/left/events`` has three levels."""
 LIMIT = 100
 """Number of members of a group to search, below the first level."""
 

@@ -20,13 +20,14 @@ def parse(data, columns, where, unit, t, x, y, p):
         columns: number of columns per line.
         where: (4,) int64, columns of t, x, y, p.
         unit: exponent of the unit of time: a time times 10^unit is in us.
-        t: int64, output.
+        t: int64, us, output; with a place for each line, as the other columns.
         x: uint16, output.
         y: uint16, output.
         p: uint8, output.
 
     Returns:
-        The number of events, the byte and line at which parsing ended, the fault there (0: none), and its column.
+        The number of events, the byte and line at which parsing ended, the fault at this line (0: none), and the column
+        of the fault.
     """
     n = 0
     at = 0
@@ -76,7 +77,7 @@ def parse(data, columns, where, unit, t, x, y, p):
 
 @kernel
 def rows(data, event, begin):
-    """Find the byte and line at which an event begins. If there are fewer events, find those of the last event.
+    """Find the byte and line at which an event begins. If there are fewer events, find where the last event begins.
 
     Args:
         data: uint8, complete lines.
@@ -232,10 +233,10 @@ def form(t, x, y, p, separator, out):
     """Write events as lines ``t,x,y,p``.
 
     Args:
-        t: int64.
-        x: uint16.
-        y: uint16.
-        p: uint8.
+        t: (n,) int64, us.
+        x: (n,) uint16.
+        y: (n,) uint16.
+        p: (n,) uint8.
         separator: character code of the separator.
         out: uint8, at least 35 bytes per event, output.
 

@@ -28,7 +28,7 @@ from neuro_events.formats._words import (
 
 U = np.uint32
 BLOCK = 1024
-"""Number of words that are decoded in one vectorised loop if all are events, as most are."""
+"""Number of words that are decoded in one vectorised loop if all of them are events, which is the usual case."""
 SURE = 8
 """Number of such blocks in a row after which the next block is decoded before its words are checked."""
 NEAR = PERIOD // 16

@@ -79,8 +79,9 @@ class Layout(NamedTuple):
         p: polarity, 1 = ON.
         odd: condition for words that are not events. Without a mask all words are events.
         others: name of the rule in `_word_kernels` for words that are not events; "" only counts these words.
-        none: bits of the odd word that are 0 in every valid word. Decoding stops at a word with one of them set.
-        first: odd words with one of these bits are counted as `OTHER`, the rest as `SECOND`. -1: all as `OTHER`.
+        none: bits that are 0 in every valid word, in the word that `odd` tests. Decoding stops if such a bit is set.
+        first: words that are no events are counted as `OTHER` if one of these bits is set, otherwise as `SECOND`.
+            -1: all of these words are counted as `OTHER`.
         rule: rule for the time field: 0, `WRAPS`, `HALF` or `GAPS`.
         is_big: words are big-endian.
         is_signed: the time may be negative.

@@ -121,7 +121,7 @@ _READABLE = (
         ),
     ),
 )  # fmt: skip
-"""Cameras whose layouts are read. The first of two cameras of the same size that fits the addresses is used."""
+"""Cameras whose layouts are read. If two of them have the same size, the first that fits the addresses is used."""
 _SIZES = ", ".join(dict.fromkeys("{}x{}".format(*chip.size) for chip in sorted(_READABLE, key=lambda chip: chip.size)))
 _NAMES = ", ".join(chip.name.lower() for chip in _READABLE)
 _WAY_OUT = (
@@ -278,7 +278,7 @@ def _size(lines: bytes) -> Size | None:
 
 
 def write(parts: Iterator[Events], path: Path) -> None:
-    """Write a recording as AEDAT 2.0 of the smallest camera with room for the sensor, whose size the header states."""
+    """Write a recording as AEDAT 2.0 of the smallest camera with room for the sensor. The header states the size."""
     write_words(parts, path, _new_header, _encode_part)
 
 

@@ -427,7 +427,7 @@ _HEADER = Struct("<II4sHHHHHHiiqII")
 _HEAD_OF_TABLE = 14 + 32
 """Offset of the field in `_HEADER` that states the offset of the table, from the beginning of the file."""
 _VECTOR = Struct("<II4sHHHHiII")
-"""Root table with one field, a list of items: the bytes before the items."""
+"""Bytes before the items, in a FlatBuffer whose root table has a single field: a list of items."""
 _FIELDS = Struct("<7H")
 _STREAM = (
     '<dv version="2.0"><node name="outInfo" path="/mainloop/Recorder/outInfo/">'

@@ -8,9 +8,9 @@ Version 1 (and files of kind 0x00 without a version): x in bits 0-8, y in bits 9
 The sensor is the header's ``Width`` and ``Height``. N-CARS and older files have none; their sensor is the first of
 304x240 (ATIS), 640x480 and 1280x720 that contains all events.
 
-The clock wraps after 2^32 us (71.6 minutes): a time in the last sixteenth of the range followed by one in the first
-sixteenth counts as a wrap, and 2^32 us are added from there on. Any other fall is a time that runs back. The writer
-refuses times of 2^32 us and more, so its files contain no wrap.
+The clock wraps after 2^32 us (71.6 minutes). A fall of the time from the last sixteenth of the range to the first
+counts as a wrap, and 2^32 us are added to all later times. Any other fall is a time that runs back. The writer refuses
+times of 2^32 us and more, so files of the writer contain no wrap.
 
 RAW files have the same kind of header, with lines ``% key value``; DAT and RAW differ in the data after the last line.
 A RAW header ends with the line ``% end`` (not in older files), and states the coding as ``% evt 3.0`` or

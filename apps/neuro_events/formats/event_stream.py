@@ -6,7 +6,7 @@ A file begins with "Event Stream", three bytes of version and one of type (0 gen
 4 colour). In a DVS file, width and height follow (uint16, little-endian), then events of 5 bytes: time since the event
 before (7 bits, us) and polarity (lowest bit, 1 = ON), x, y (uint16, little-endian). Before an event, a byte 0xff adds
 127 us, and a byte 0xfe has no effect. A generic event is a byte of time, bytes of size (7 bits each, lowest first; the
-lowest bit of a byte is set if another follows), and as many bytes of content; 0xff adds 254 us.
+lowest bit of a byte is set if another byte follows), and the bytes of the content. A byte 0xff adds 254 us.
 
 Rows are numbered as in the file. The specification does not define the first row. The format's own viewers count from
 the bottom, and faery flips the rows, while the file of POKER-DVS has the rows of the published arrays, which are

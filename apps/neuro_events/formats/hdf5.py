@@ -49,7 +49,7 @@ class Hdf5:
 
     Attributes:
         metadata: the attributes of the recording, and ``columns``, the order of columns without names.
-        untested: reason why a layout was not tested on real files, "" for this library's own.
+        untested: reason why a layout was not tested on real files, "" for the layout of this library.
     """
 
     def __init__(self, source: Source, where: str = "") -> None:
@@ -203,7 +203,7 @@ def size_of(facts: Mapping[str, Any]) -> Size | None:
 
     The attribute is ``sensor_size`` or ``geometry`` (width, height), ``width`` and ``height``, or e2vid's
     ``sensor_resolution``: height, width and optionally channels, as the shape of an image. Some tools write width
-    before height. An upright sensor in ``sensor_resolution`` is therefore ambiguous and refused.
+    before height. A ``sensor_resolution`` whose height exceeds its width is therefore ambiguous and refused.
 
     Raises:
         Damage: the size is impossible, or the order of ``sensor_resolution`` is ambiguous.

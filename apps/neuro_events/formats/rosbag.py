@@ -221,7 +221,7 @@ def _unpack_chunk(fields: dict[str, bytes], data: Bytes, place: int) -> Bytes:
 
 
 class Ros2Bag(_Bag):
-    """A reader of ROS 2 bags. Positions of messages in the file are unknown, since another library reads it."""
+    """A reader of ROS 2 bags. Positions of messages in the file are unknown, since another library reads the file."""
 
     cdr = True
 

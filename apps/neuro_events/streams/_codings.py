@@ -41,7 +41,7 @@ SCHEMES = ("udp", "tcp")
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """A URL of a stream, with its host looked up.
+    """A URL of a stream, with the address of its host.
 
     Attributes:
         url: the URL as specified.

@@ -159,8 +159,8 @@ UNTIMED = 1 << 31
 def plain_decoder(layout):
     """Return a decoder of datagrams with events of a layout.
 
-    The decoder's arguments are the ring, (n,) uint8, the index of its entries, the first entry and the end, the time
-    from which receipts count, ns, the state, and the output arrays (m,) of times, columns, rows and polarities. The
+    The decoder's arguments are the ring, (n,) uint8, the index of its entries, the first entry and the end, the time at
+    which the stream was opened, ns, the state, and the output arrays (m,) of times, columns, rows and polarities. The
     decoder returns the number of events and the number of damaged entries. Impossible events are dropped.
     """
     decode = decoder(layout, subkernel)
@@ -185,8 +185,8 @@ def plain_decoder(layout):
 def spif_decoder(layout):
     """Return a decoder of SPIF, as `plain_decoder` does.
 
-    A word for an event is followed by a word of time, unless its uppermost bit is set. An event without a time gets the
-    time of its receipt, us.
+    A word for an event is followed by a word of time, unless the uppermost bit of the event's word is set. An event
+    without a time gets the time of its receipt, us.
     """
     word_of, (x_of, y_of, p_of) = word(4, False), (field(getattr(layout, name)) for name in "xyp")
 

@@ -67,7 +67,7 @@ class Receiver:
         self.connections = 0
         self._prepare(sock)
         self._state[kernels.STOP] = 1
-        self._receive()  # compiles it
+        self._receive()  # compiles the receiving loop
         self._state[kernels.STOP] = 0
         self.opened_ns = int(time.monotonic_ns())
         self._state[kernels.LAST] = self.opened_ns
