@@ -1,4 +1,4 @@
-"""The codes by name."""
+"""Registries of the codes by name, and the class of each code for descriptions."""
 
 from __future__ import annotations
 

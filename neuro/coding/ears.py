@@ -227,7 +227,7 @@ def crossings(levels: npt.ArrayLike, thresholds: npt.ArrayLike, before: npt.Arra
     Args:
         levels: levels of the channels, shape (frames, channels).
         thresholds: ascending, shape (thresholds,), in the unit of the levels.
-        before: frame before the first one, shape (channels,), e.g. the last frame of the previous piece; by default
+        before: frame before the first frame, shape (channels,), e.g. the last frame of the previous piece; by default
             its levels are below all thresholds.
 
     Returns:

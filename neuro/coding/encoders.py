@@ -25,7 +25,7 @@ def intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, window: f
         r: values between ``r_min`` and ``r_max``, any shape and unit.
         r_min: the value that spikes last.
         r_max: the value that spikes first.
-        window: length of the code, in the unit wanted for the times (ms).
+        window: length of the code, in the unit of the returned times (ms).
 
     Returns:
         Spike times, shape of ``r``, in [0, window].
@@ -54,7 +54,7 @@ def log_intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, windo
             no spike.
         r_min: the value that spikes last; more than 0.
         r_max: the value that spikes first.
-        window: length of the code, in the unit wanted for the times (ms).
+        window: length of the code, in the unit of the returned times (ms).
 
     Returns:
         Spike times, shape of ``r``, in [0, window]; NaN stands for no spike.

@@ -33,7 +33,7 @@ WIDTH = 1.5
 SILENT = 0.01
 """Smallest activity of a neuron that spikes."""
 NEAR = 5
-"""Largest number of tuning curves of a dimension with at least the activity SILENT at one value."""
+"""Largest number of tuning curves of a dimension that have at least the activity `SILENT` at the same value."""
 LOW, HIGH, STATES, MIDDLE, SPREAD = range(5)
 """Rows of the array `ends` of a space, (5, dimensions) float64: lowest and highest value, number of states or 0, and
 mean and standard deviation of dimensions without a bound."""

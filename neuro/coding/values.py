@@ -42,11 +42,11 @@ class RewardScale:
     def learn(self, rewards: Sequence[float], returns: Sequence[float] = ()) -> None:
         """Compute the scale from rewards. Nothing changes if all rewards are 0.
 
-        A typical reward in each step, for ever, has the value `scale`. If rewards are rare, only the number of rewards
-        within the horizon, and within an episode, counts. The value of all states before learning is the value of
-        random moves, at least 0, because a value that is too high makes an agent explore. If rewards are rare, this
-        first value is at most the best return: a goal that ends the episode must not have a lower value than the states
-        before the goal.
+        A typical reward in each step, for ever, has the value `scale`. If rewards are rare, steps without a reward do
+        not count: only the rewards within the horizon and within an episode do. The value of all states before learning
+        is the value of random moves, at least 0, because a value that is too high makes an agent explore. If rewards
+        are rare, this first value is at most the best return: a goal that ends the episode must not have a lower value
+        than the states before the goal.
 
         Args:
             rewards: rewards of control steps.
@@ -115,7 +115,7 @@ class TemporalDifference:
     def errors(self, values: list[float], moment: Moment) -> list[float]:
         """Return the errors of the action before the last action. The values of the present states complete them."""
         per_copy = zip(self.reward, values, self._ended, self._value, moment.first.tolist(), strict=True)
-        # After a cut-off the value of the state counts, after an end 0. An episode that has just begun has no error.
+        # The state after the end of an episode has the value 0, but not after a cut-off. A first step has no error.
         errors = [
             (reward + self._discount * value * (not ended) - before) * (not first)
             for reward, value, ended, before, first in per_copy
@@ -144,7 +144,7 @@ class Novelty:
     """Reward for rare states: the mean over active places of scale / sqrt(n), with n activations of the place.
 
     Dopamine neurons respond to new stimuli, less with each repetition (Kakade & Dayan, Neural Networks 15:549, 2002).
-    The formula is that of Strehl & Littman, J. Comput. Syst. Sci. 74:1309, 2008.
+    The formula comes from Strehl & Littman, J. Comput. Syst. Sci. 74:1309, 2008.
 
     Args:
         scale: reward of a state that has not been seen.

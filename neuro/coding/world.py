@@ -1,6 +1,6 @@
 """A network in a world: encoders of observations, decoders of actions, and teachers of its signals.
 
-A control step has four parts: encoders show the observation, the network runs, the decoder reads its spikes, the
+A control step has five parts: encoders show the observation, the network runs, the decoder reads its spikes, the
 environment takes the action, and teachers set the signals for the next step.
 """
 

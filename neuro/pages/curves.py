@@ -16,7 +16,7 @@ from neuro.pages.raster import evenly
 from neuro.program.program import Floats, Ints
 
 _SLACK = (1e-9, 0.0)
-"""Share of a step by which a mark may lie outside of the range, if there is room for the mark."""
+"""Shares of a step by which a mark may lie outside of the range. The second is used if the first has too many marks."""
 _LEAST_PLAIN, _LARGE, _LARGEST_PLAIN = 1e-3, 1e3, 1e15
 
 
