@@ -104,7 +104,7 @@ def stream(
     """Read a file of any size in parts, in constant memory.
 
     DAT, AEDAT 2.0, EVT 2.0, 2.1 and 3.0 and HDF5 on disk or as bytes are not decoded before `start_us`. Faults before
-    this time are not reported, and unknown words before it are not counted in the metadata. Other formats are decoded
+    this time are not reported, and the metadata do not count the skipped words before it. Other formats are decoded
     from the beginning. With ``strict=False`` every file is, because which events of a damaged file are dropped depends
     on all earlier events.
 
