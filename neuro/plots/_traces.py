@@ -101,7 +101,7 @@ def draw(figure: Figure, axis: Any, name: str, part: Trace) -> None:
         label(axis, f"{title} at pre spikes", quantity)
     elif part.ids.size <= MOST_LINES:
         for column, (name_of_line, colour) in enumerate(zip(_column_names(part), COLOURS, strict=False)):
-            axis.plot(whole.times_ms, whole.values[:, column], color=colour, lw=1.0, label=name_of_line)
+            axis.plot(part.times_ms, part.values[:, column], color=colour, lw=1.0, label=name_of_line)
         if part.ids.size > 1:
             legend(axis, MOST_LINES, "right")
         label(axis, title, quantity)
