@@ -195,7 +195,7 @@ def _write_c(net: Network, folder: Path, options: Options) -> Verdicts | None:
 
 
 def _pixel_spikes(net: Network, file: Path) -> dict[str, tuple[Any, Any]]:
-    """Return the spikes of the network's pixels in a recording, by input: steps, counted from 1, and neurons."""
+    """Return the spikes of the network's pixels in a recording: by input, arrays of steps (from 1) and of neurons."""
     from neuro.apps import app
 
     predict = app("neuro_predict.asked", "a recording shown to a C program")
@@ -211,7 +211,10 @@ READERS: dict[str, Callable[[Path, Options], tuple[Network | None, Verdicts | No
     ".net": _read_netx,
     ".py": _read_pynn,
 }
-"""By ending of IN, the function that returns the network, None if a node is refused, and the verdicts, if any."""
+"""For each ending of IN, the function that reads a file of this ending.
+
+The function returns the network (None if a node is refused) and the verdicts (None if the format has no verdicts).
+"""
 
 WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
     ".yaml": _write_yaml,
@@ -221,12 +224,12 @@ WRITERS: dict[str, Callable[[Network, Path, Options], Verdicts | None]] = {
     ".py": _write_pynn,
     "c": _write_c,
 }
-"""By ending of OUT or value of --to, the function that writes a network and returns the verdicts, if any."""
+"""For each ending of OUT or value of --to, the function that writes a network and returns the verdicts, if any."""
 
-ARGUMENTS: dict[str, str] = {each.name: each.metadata["name"] for each in fields(Options)}
+ARGUMENTS: dict[str, str] = {entry.name: entry.metadata["name"] for entry in fields(Options)}
 """Names of the options by argument in Python, e.g. "--from" by "from_"."""
-USES: dict[str, Use] = {each.name: each.metadata["use"] for each in fields(Options) if "use" in each.metadata}
-"""Formats that use an option, for options that not all formats use."""
+USES: dict[str, Use] = {entry.name: entry.metadata["use"] for entry in fields(Options) if "use" in entry.metadata}
+"""Formats that use an option, for each option that is not for all formats."""
 
 
 @with_settings

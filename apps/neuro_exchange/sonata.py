@@ -61,7 +61,7 @@ def save_sonata(sim: Simulation, path: str | PathLike[str]) -> Verdicts:
     def sibling(what: str) -> Path:
         return file.with_name(f"{file.stem}_{what}")
 
-    # The files belong together: all get their names only after the last is written, the configuration last.
+    # The files belong together: all get their names after the last file is written, the configuration as the last.
     with ExitStack() as files:
 
         def add_text(path: Path, lines: list[str], kind: Kind) -> None:

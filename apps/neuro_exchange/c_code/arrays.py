@@ -19,7 +19,7 @@ _LARGEST_SCALE = 15
 
 
 def narrowest(low: int, high: int) -> np.dtype[np.integer]:
-    """Return the narrowest type that holds whole numbers from `low` to `high`; unsigned if both kinds do."""
+    """Return the narrowest type that holds whole numbers from `low` to `high`, unsigned where possible."""
     for kind in TYPES:
         limits = np.iinfo(kind)
         if limits.min <= low and high <= limits.max:

@@ -3,8 +3,8 @@
 A register that all neurons share is a constant in the function; any other register is a table. Values that are replaced
 in every step need no array: a current without memory is a local variable.
 
-Neurons that compete are decided after their step. No chip has such groups: on a chip, the host decides them by the
-voltages of the step, and breaks ties by keyed random draws.
+Groups of competing neurons are decided after the step of their neurons. No chip has such groups. The C code decides
+them as the host of the emulated chip does: by the voltages of the step, and ties by keyed random draws.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Cells:
         slot_type: C type of a neuron's input in a step.
         is_output: the spikes are output of the program.
         competes: the neurons belong to a group.
-        projections: indices of the outgoing projections that are sent at once.
+        projections: indices of the outgoing projections that deliver a spike at once.
         learning_statements: statements that report TIMES spikes of neuron i to learning projections.
     """
 
@@ -366,8 +366,8 @@ def resonator(fires: Callable[[str, str, str], tuple[str, str]]) -> Callable[[Ce
     """Return the function that writes resonate-and-fire neurons, whose complex state rotates.
 
     Args:
-        fires: returns the test for a spike and the reset, from the texts of the real part, the imaginary part and the
-            threshold. `before` is the imaginary part of the previous step.
+        fires: function that returns the test for a spike and the reset, from the texts of the real part, the imaginary
+            part and the threshold. `before` is the imaginary part of the previous step.
     """
 
     def write(cells: Cells, memory: Memory) -> StepCode:

@@ -23,9 +23,9 @@ _NUMBERS = {"low": sr.LOW, "high": sr.HIGH, "up": sr.UP, "down": sr.DOWN, "gain"
 _NUMBERS |= {"up_triplet": sr.UP_TRIPLET, "down_triplet": sr.DOWN_TRIPLET}
 _NUMBERS |= {"taught_low": sr.TAUGHT_LOW, "taught_high": sr.TAUGHT_HIGH}
 _PER_LEVEL = 8
-"""Smallest number of integers of a signal from one level of dopamine to the next."""
+"""Smallest number of integers that a signal has between two neighbouring levels of dopamine."""
 _APART = 2.0**-24
-"""Distance, in halves of s4.11, below which a value may lie half-way between two levels."""
+"""Tolerance, in halves of s4.11, within which a value may count as half-way between two levels."""
 _BITS, _HALVES = 62, 18
 """Bits of a product, and of the largest value in halves of s4.11."""
 
@@ -110,7 +110,7 @@ class History:
 def _ties(n_scale: float, one: int, units: Sequence[int]) -> tuple[list[tuple[int, int, int]], int, Fraction]:
     """Return the integers of a signal that may lie half-way between two levels of dopamine.
 
-    The host of the emulator rounds them in floating-point numbers. The C code looks its results up.
+    The host of the emulator rounds such values in floating-point numbers. The C code looks the results up in a table.
 
     Args:
         n_scale: dopamine in 1/ms per unit of s4.11.
@@ -171,8 +171,8 @@ class Deferred:
         self._part = part = program.projections[index]
         name, size = part.name, program.populations[part.source].size
         key = part.target, wires.n_scale
-        self._first = key not in histories
-        if self._first:
+        self._is_first = key not in histories
+        if self._is_first:
             histories[key] = History(program, index, wires, memory)
         self.history = histories[key]
         initial = abs(np.broadcast_to(wires.mantissas, part.size).astype(np.int64))
@@ -187,7 +187,7 @@ class Deferred:
         for word, kind, entries in arrays:
             memory.state(f"{word}_{index}", kind, entries, f"{name}: {word}")
             self.init.append(f"memset({word}_{index}, 0, sizeof {word}_{index});")
-        self.init += self.history.init if self._first else []
+        self.init += self.history.init if self._is_first else []
         sign = "-(int32_t)" if self.rule.inhibits else ""
         self.states = {"weight": (f"{sign}w_{index}", part.size)}
         if self.history.taught:
@@ -200,20 +200,23 @@ class Deferred:
 
     @property
     def word(self) -> str:
-        """The expression for the word of synapse e. A delay of all slots is stored as 0, and adds nothing."""
+        """The expression for the word of synapse e.
+
+        A delay of as many steps as there are slots is stored as 0. A synapse with this delay adds nothing.
+        """
         word = f"{'-' if self.rule.inhibits else ''}(int32_t)w_{self._q}[e]"
         return "0" if self._delay == "0" else f"({self._delay} != 0 ? {word} : 0)" if "[" in self._delay else word
 
     def spike_statements(self, k: int) -> list[str]:
         """Return the statements that report a spike of neuron i of population k to the projection."""
         lines = [f"count(sent_{self._q} + i, TIMES);"] if self._part.source == k else []
-        return lines + (self.history.spike_statements(k) if self._first else [])
+        return lines + (self.history.spike_statements(k) if self._is_first else [])
 
     @staticmethod
     def signal_scale(parts: Sequence[Any]) -> tuple[int, int]:
-        """Return the integer of a signal that stands for 1/ms, and one beyond the levels of all projections.
+        """Return the integer of a signal that stands for 1/ms, and an integer beyond the levels of all projections.
 
-        Of several possible integers, the one with the fewest ties is chosen.
+        Of several possible integers for 1/ms, the one with the fewest ties is chosen.
         """
         rules = [(part.history.n_scale, part.rule.concentrations) for part in parts]
         first = 2 * int(max(_PER_LEVEL / scale / units[0] for scale, units in rules) / 2) + 3
@@ -226,15 +229,15 @@ class Deferred:
 
     def dopamine_statements(self, one: int) -> list[str]:
         """Return the statements that set the dopamine of neuron i to values[i] / `one` in 1/ms."""
-        return [self.history.dopamine_statement(one)] if self._first else []
+        return [self.history.dopamine_statement(one)] if self._is_first else []
 
     @property
     def step_calls(self) -> list[str]:
         """The calls at the end of each step."""
-        return [f"events_{self.history.index}();"] * self._first + [f"learn_{self._q}();"]
+        return [f"events_{self.history.index}();"] * self._is_first + [f"learn_{self._q}();"]
 
     def lines(self) -> list[str]:
-        """Return the functions."""
+        """Return the C functions of the projection."""
         q, history = self._q, self.history
         tag = f"t_{q} + e" if history.taught else "NULL"
         visit = f"visit_{history.index}(w_{q} + e, {tag}, j, {self._delay}, {self.rule.shift}u, t, p, r1, r2);"
@@ -242,6 +245,6 @@ class Deferred:
         rows = "\n        |".join(indented(row_of(self._part, q, targets, [visit])))
         sources = self._program.populations[self._part.source].size
         return [
-            *(history.lines("c_code/network/deferred.c") if self._first else []),
+            *(history.lines("c_code/network/deferred.c") if self._is_first else []),
             *history.lines("c_code/network/packets.c", q=q, of=comment(self._part.name), rows=rows, sources=sources),
         ]

@@ -190,9 +190,9 @@ def save_c(
     graded = values["field"] == "payload"
     spikes = (run.input_spikes, run.output_spikes)
     input_spikes, output_spikes = (array.shape[1] if graded else int(array[2].sum()) for array in spikes)
-    sets = sum(reward_steps.size for reward_steps, _ in rewards.values())
+    n_rewards = sum(reward_steps.size for reward_steps, _ in rewards.values())
     sizes = source.flash, code, source.ram
-    return CCode(place, name, fixed.chip.title, *sizes, steps, random_input, input_spikes, output_spikes, sets)
+    return CCode(place, name, fixed.chip.title, *sizes, steps, random_input, input_spikes, output_spikes, n_rewards)
 
 
 def _compile(net: Network, chip: Chip, settings: dict[str, Any], signals: Any) -> tuple[Simulation, FixedProgram]:
@@ -266,7 +266,10 @@ def _steps(program: Program, duration: float | None, inputs: InputSpikes, reward
 def _run(
     sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int, input_spikes: InputSpikes, rewards: Rewards
 ) -> tuple[RecordedRun, bool]:
-    """Record a run with the given input, else the network's own, else random input. Return whether it is random."""
+    """Record a run with the given input, else the network's own input, else random input.
+
+    Return the run, and whether its input is random.
+    """
     inputs = [part for part in sim.program.populations if part.kind in INPUTS]
     names = [part.name for part in inputs if part.kind == "listed"]
     for name, (spike_steps, *ids) in input_spikes.items():
@@ -296,15 +299,15 @@ def _data(run: RecordedRun, name: str, signals: Mapping[str, Dopamine]) -> str:
         memory.table(f"{word}_ends", row_ends, f"ends of the {word}put events of each step", True)
         events = [f"{{{neuron}, {number(times)}}}" for neuron, times in spikes[1:].T.tolist()]
         memory.constants(f"{word}_events", f"{name}_event", [*events, "{0, 0}"])
-    sets = ["(void)step;"]
+    statements = ["(void)step;"]
     for k, (signal, (steps, values)) in enumerate(run.rewards.items()):
         row_ends = np.searchsorted(steps, np.arange(-1, run.steps), side="right")
         memory.table(f"reward_ends_{k}", row_ends, f"ends of the values of {signal} before each step", True)
         memory.constants(f"reward_values_{k}", "int32_t", [*(number(value) for value in values.ravel().tolist()), "0"])
         first_value = f"(reward_ends_{k}[step + 1u] - 1u) * {signals[signal].size}u"
         is_set = f"reward_ends_{k}[step + 1u] > reward_ends_{k}[step]"
-        sets.append(f"if ({is_set}) {signals[signal].call}(reward_values_{k} + {first_value});")
-    memory.lines += function("static inline void reward(uint32_t step)", sets)
+        statements.append(f"if ({is_set}) {signals[signal].call}(reward_values_{k} + {first_value});")
+    memory.lines += function("static inline void reward(uint32_t step)", statements)
     for word, digests in (("spike", run.spike_digests), ("state", run.state_digests)):
         memory.constants(f"{word}_digests", "uint64_t", [f"UINT64_C({digest})" for digest in digests.tolist()])
     return "\n".join(memory.lines)

@@ -128,7 +128,7 @@ class Source:
     Attributes:
         header: text of `NAME.h`.
         code: text of `NAME.c`.
-        id: checksum in both files, by which the compiler detects files of two networks.
+        id: checksum in both files, by which the compiler detects a header and a source file of different networks.
         flash: bytes of the constant tables.
         ram: bytes of the states.
         firsts: index of the first neuron of each population among all neurons, then the number of all neurons.
@@ -229,16 +229,16 @@ class _Writer:
         sending = [line for q in self._spiking for line in self._delivery(q)]
         signals, calls, declarations = self._calls()
         learning = [line for part in self._learning.values() for line in part.lines()]
-        stepped = {k: STEPS[cells.fixed.kind](cells, memory) for k, cells in self._cells.items()}
-        deciding, opening = list[str](), list[str]()
+        step_codes = {k: STEPS[cells.fixed.kind](cells, memory) for k, cells in self._cells.items()}
+        decision_lines, opening_lines = list[str](), list[str]()
         for index, group in enumerate(self._program.groups):
             k = group.population
-            lines, begin = decide(self._program, index, self._cells[k], stepped[k].threshold, memory)
-            deciding, opening = deciding + lines, opening + begin
-        functions = [line for part in stepped.values() for line in part.lines]
+            lines, begin = decide(self._program, index, self._cells[k], step_codes[k].threshold, memory)
+            decision_lines, opening_lines = decision_lines + lines, opening_lines + begin
+        functions = [line for part in step_codes.values() for line in part.lines]
         inputs, step = self._input(), self._step()
-        parts = [sending, functions, deciding, learning, inputs, self._init(stepped, opening), step]
-        parts += [self._voltage(stepped), calls, self._digest(stepped)]
+        parts = [sending, functions, decision_lines, learning, inputs, self._init(step_codes, opening_lines), step]
+        parts += [self._voltage(step_codes), calls, self._digest(step_codes)]
         family, upper = self._family, self._name.upper()
         values = {
             "name": self._name,
@@ -277,7 +277,7 @@ class _Writer:
             trial=f"{_TRIAL}\nvoid {self._name}_trial(void);\n\n" if self._program.trials is not None else "",
             learning=declarations.replace("NAME_", f"{upper}_").replace("name_", f"{self._name}_"),
         )
-        states = {self._cells[k].fixed.name: _digested(part) for k, part in stepped.items()}
+        states = {self._cells[k].fixed.name: _digested(part) for k, part in step_codes.items()}
         states |= {self._program.projections[q].name: list(part.states) for q, part in self._learning.items()}
         checksum = f"0x{crc32((header + code).encode()):08X}u"
         return Source(
@@ -344,18 +344,18 @@ class _Writer:
             lines.append("    (void)neuron;")
         return [*lines, "}"]
 
-    def _init(self, stepped: dict[int, StepCode], opening: list[str]) -> list[str]:
+    def _init(self, step_codes: dict[int, StepCode], opening_lines: list[str]) -> list[str]:
         """Return the functions that begin a run and a trial."""
         clear = [f"memset(ring_{k}, 0, sizeof ring_{k});" for k in self._cells]
         lines = [*(["now = 0;"] if self._needs_step_number else []), *(f"at_{k} = 0;" for k in self._cells), *clear]
-        lines += [line for part in stepped.values() for line in part.init.values()]
+        lines += [line for part in step_codes.values() for line in part.init.values()]
         lines += [line for part in self._learning.values() for line in part.init]
-        functions = function("void NAME_init(void)", [*lines, *opening])
+        functions = function("void NAME_init(void)", [*lines, *opening_lines])
         if (trials := self._program.trials) is not None:
             names = names_of(self._program.populations[trials.output])
             states = {register for state in trials.reset for name in names[state] for register in REGISTERS[name]}
-            resets = [line for register, line in stepped[trials.output].init.items() if register in states]
-            functions += function("void NAME_trial(void)", [*clear, *resets, *opening])
+            resets = [line for register, line in step_codes[trials.output].init.items() if register in states]
+            functions += function("void NAME_trial(void)", [*clear, *resets, *opening_lines])
         return functions
 
     def _step(self) -> list[str]:
@@ -381,9 +381,9 @@ class _Writer:
             lines += [f"at_{k} = ({kind})later(at_{k}, 1u, {cells.slots}u);"] if cells.slots > 1 else []
         return function(_STEP, [*lines, "return (uint32_t)(out_at - out);"])
 
-    def _voltage(self, stepped: dict[int, StepCode]) -> list[str]:
+    def _voltage(self, step_codes: dict[int, StepCode]) -> list[str]:
         lines = []
-        for k, part in stepped.items():
+        for k, part in step_codes.items():
             first, size = self._firsts[k], self._cells[k].size
             for state in list(part.states.values())[:1]:
                 lines += [f"if ({_inside(first, first + size)}) return {state}[neuron - {first}u];"]
@@ -417,10 +417,10 @@ class _Writer:
             declarations += filled("c_code/network/weights.h", call=call, CALL=call.upper(), **values)
         return signals, code, declarations
 
-    def _digest(self, stepped: dict[int, StepCode]) -> list[str]:
+    def _digest(self, step_codes: dict[int, StepCode]) -> list[str]:
         """Return the C function for tests of the export, which returns digests of states and spikes after a step."""
         lines = ["uint64_t sum = 0;", "uint32_t place = 0;"]
-        for k, part in stepped.items():
+        for k, part in step_codes.items():
             size = self._cells[k].size
             for register in _digested(part):
                 statement = f"digest(&sum, &place, {part.states[register]}[i]);"

@@ -20,8 +20,8 @@ from neuro_exchange.c_code.arrays import TYPES, Memory, narrowest, number, scale
 from neuro_exchange.c_code.cells import Cells, function, indented
 
 _LEVELS = 256
-"""Upper bound of the integers of a signal that stand for one unit of a trace. If several projections learn from the
-signal, the bound is that of the smallest unit."""
+"""Largest number of integers of a signal per unit of a trace. If several projections learn from the signal, the
+smallest of their units counts."""
 
 
 class Delivery:
@@ -56,7 +56,7 @@ class Delivery:
             self._lags = f"{memory.table(f'lags_{index}', wires.lag, about)}[e]"
 
     def lines(self, word: str = "") -> list[str]:
-        """Return the functions.
+        """Return the C functions of the projection.
 
         Args:
             word: expression for the word of synapse e of a plastic projection. Static projections have constants.
@@ -256,7 +256,7 @@ class Learning:
 
     @staticmethod
     def signal_scale(parts: Sequence[Any]) -> tuple[int, int]:
-        """Return the integer of a signal that stands for 1/ms, and one that saturates the traces of all projections."""
+        """Return the integer of a signal that stands for 1/ms, and an integer that saturates all traces."""
         finest = min(part._wires.n_scale for part in parts)
         return 1 << max(0, math.floor(math.log2(_LEVELS / finest))), 128 * _LEVELS
 

@@ -106,7 +106,7 @@ def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
     Args:
         node: the node.
         tool: a name of `TOOLS`.
-        step: seconds.
+        step: length of a step in seconds.
         reset: the rule of `from_nir` that replaces the reset of the convention, or None.
 
     Raises:
@@ -140,7 +140,7 @@ def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
 
 
 def find_tool(from_: str | None, metadata: object) -> str | None:
-    """Return the convention: `from_`, else that of the graph's metadata, else None.
+    """Return the name of the convention: `from_`, else the name in the graph's metadata, else None.
 
     Raises:
         ModelError: no convention has that name.
@@ -353,7 +353,7 @@ class CellModel:
         gain: factor from a weight of NIR to a weight here, one element per neuron.
         per_input: constant current in pA per unit of constant input; None if a synapse filters the input.
         offset: constant current in pA that is part of the cell.
-        initial: initial states that differ from the model's.
+        initial: initial states that differ from the defaults of the model.
     """
 
     model: Neuron
@@ -415,7 +415,7 @@ def _spike(cell: Cell) -> dict[str, Any]:
 
 
 def time_constant(keep: Floats, h: float) -> Floats:
-    """Return the time constant in ms after which the share `keep` is left after h ms, e.g. 10 for e^-0.1 and 1 ms."""
+    """Return the time constant in ms of a state that keeps the share `keep` in h ms, e.g. 10 for e^-0.1 and 1 ms."""
     with np.errstate(divide="ignore"):
         tau = -h / np.log(keep)
     return np.where(keep <= 0.0, AT_ONCE * h, np.where(keep >= 1.0, np.inf, tau))

@@ -34,11 +34,11 @@ class Export:
         tool: the convention.
         nodes: nodes by name.
         edges: (source, target) of each edge.
-        neurons: by index of a population, its node and scales.
-        shapes: by index of a population, the shape of its node.
+        neurons: node and scales of each population of neurons, by its index.
+        shapes: shape of the node of each population, by its index.
         sheets: indices of the populations that a convolution may lead to. Their shapes have an axis of channels.
         lines: indices of the sheets with a single row, whose shape is (channels, columns) in the graph.
-        depths: by index of a population, the steps by which its spikes are later here than in the tool.
+        depths: number of steps by which the spikes of each population are later here than in the tool, by its index.
         verdicts: verdicts of all parts of the network.
     """
 
@@ -68,8 +68,8 @@ class Export:
 def find_sheets(export: Export, spiking: Sequence[Projection]) -> None:
     """Find the populations between which a grid is a convolution, and set `sheets` and `lines`.
 
-    A sheet has an axis of channels. A population that also receives spikes from other projections than convolutions
-    between sheets is flat, since only convolutions have channels.
+    The node of a sheet has an axis of channels. A population is no sheet if any of its inputs is not a convolution from
+    a sheet, since only convolutions have channels.
     """
     grids = [p for p in spiking if p.grid is not None]
     export.sheets = {index for p in grids for index in (p.source, p.target)}
@@ -305,7 +305,7 @@ def save_nir(net: Network, path: str | PathLike[str], dt: float | None = None, f
 
 
 def _scale(export: Export, index: int, part: Population) -> None:
-    """Choose the node of a population of neurons. A neuron that fires in every step is a bias and has no node."""
+    """Choose the node of a population of neurons. A neuron that fires in every step becomes a bias and has no node."""
     if part.kind != "neuron" or _fires_every_step(export, index):
         return
     try:
@@ -365,7 +365,7 @@ def _add_population(export: Export, index: int, part: Population) -> None:
 
 
 def _layer(export: Export, part: Projection) -> int:
-    """Return the steps from a spike to its effect on V_m with the shortest delay."""
+    """Return the number of steps from a spike to its effect on V_m, for the shortest delay."""
     model = export.program.populations[part.target].model
     return 2 if isinstance(model, iaf_psc_exp) and not isinstance(model, cuba_lif) else 1
 
@@ -380,9 +380,9 @@ def _find_depths(export: Export) -> None:
     """Compute `depths`: the steps by which the spikes of each population are later here than in the tool.
 
     A population is one layer behind the source of a connection with the shortest delay. Otherwise its depth is the
-    number of layers on the shortest path from the generators. The constant current of a population begins with that
-    layer. Delays beyond those of the layers become Delay nodes, e.g. delays of 6 and 1 steps from the input to two
-    populations become 5 and 0.
+    number of layers on the shortest path from the generators. If a population has
+    constant inputs, its depth is at least the number of steps before the first of them begins. Delays beyond those of
+    the layers become Delay nodes, e.g. delays of 6 and 1 steps from the input to two populations become 5 and 0.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components

@@ -1,4 +1,4 @@
-"""NIR graphs as plain nodes without subgraphs: fields, shapes, and the product of linear nodes in a row."""
+"""NIR graphs as plain nodes without subgraphs: fields, shapes, and products of consecutive linear nodes."""
 
 from __future__ import annotations
 
@@ -110,7 +110,9 @@ class Graph:
 
 
 def spread(value: Any, shape: Shape, what: str) -> Floats:
-    """Return the value as an array of a shape: reshaped if it has as many elements, else broadcast.
+    """Return the value as an array of a shape: reshaped if the number of elements is equal, else broadcast.
+
+    `what` names the value in errors.
 
     Raises:
         ModelError: the value does not fit the shape, or a number is not finite.
@@ -139,7 +141,7 @@ def package(what: str) -> Any:
 
 
 def shorten(depths: list[float], edges: Sequence[tuple[int, int, int]]) -> None:
-    """Lower depths until no target is deeper than the source plus the steps between them (Bellman and Ford).
+    """Lower depths until no target is deeper than its source plus the steps of their edge (Bellman and Ford).
 
     Args:
         depths: depths of the nodes in steps, changed in place.
@@ -275,7 +277,7 @@ def _whole(node: Node, word: str) -> int:
 
 
 def wholes(value: Any) -> list[int]:
-    """Return a list of whole numbers; an empty one if a number is not whole or not below 2^40."""
+    """Return a list of whole numbers; an empty list if a number is not whole or not below 2^40."""
     array = np.atleast_1d(np.asarray(value, dtype=np.float64))
     if array.ndim > 1 or not np.all(np.abs(array) < _HUGE) or np.any(array != np.rint(array)):
         return []
@@ -354,7 +356,9 @@ def _groups(node: Node) -> int:
 
 
 def map_of(node: Node, source: Shape) -> Map:
-    """Return the linear map of a node for an input of a shape, without its bias. Nodes without one are the identity.
+    """Return the linear map of a node without its bias, for an input of the shape `source`.
+
+    A node without weights, such as Flatten, has the identity as its map.
 
     Raises:
         ModelError: a field does not fit the shape.
@@ -404,7 +408,7 @@ def _kernel(node: Node, source: Shape) -> Kernel:
 
 
 def compose(maps: Sequence[Map]) -> Map:
-    """Return the product of maps in a row: diagonal or a convolution where possible, else a matrix."""
+    """Return the product of consecutive maps: diagonal or a convolution where possible, else a matrix."""
     return reduce(_compose_two, maps)
 
 
@@ -446,9 +450,11 @@ def _compose_pool(first: Map, second: Map) -> Kernel | None:
     channels, height, width = sheet(first.source)
     _, rows, columns = sheet(first.target)
     size = pool.weight.shape[2:]
-    one_each = pool.depthwise and pool.weight.shape[0] == channels
-    tiles = (rows * size[0], columns * size[1]) == (height, width) and size == pool.stride and pool.padding == (0, 0)
-    if not (one_each and tiles and np.all(pool.weight == pool.weight.flat[0])):
+    is_per_channel = pool.depthwise and pool.weight.shape[0] == channels
+    is_tiling = (
+        (rows * size[0], columns * size[1]) == (height, width) and size == pool.stride and pool.padding == (0, 0)
+    )
+    if not (is_per_channel and is_tiling and np.all(pool.weight == pool.weight.flat[0])):
         return None
     weight = np.repeat(np.repeat(kernel.weight * pool.weight.flat[0], size[0], axis=2), size[1], axis=3)
     stride = kernel.stride[0] * size[0], kernel.stride[1] * size[1]

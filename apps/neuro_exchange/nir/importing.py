@@ -30,7 +30,7 @@ from neuro_exchange.nir.reading import read
 from neuro_exchange.verdict import APPROXIMATE, Verdicts
 
 LONGEST = 200
-"""Largest length of a name in characters. YAML keys may have 1024."""
+"""Largest length of a name in characters. YAML allows 1024 for a key."""
 
 CURRENT, TICKS = "bias", "every_step"
 """Names of the population that sends constant currents, and of the neuron that fires in every step."""
@@ -44,7 +44,7 @@ def from_nir(graph: Any, dt: float, from_: str | None = None, *, reset: str | No
 
     Spikes take at least one step per layer here, and no step in the tools. So the spikes of a population d layers
     behind the input are d steps later than in the tool (one more if the first layer has a bias), and otherwise equal.
-    The verdict of each node names its d. An Input becomes a `spike_generator`; a count of events becomes a spike of
+    The verdict of each node names this d. An Input becomes a `spike_generator`; a count of events becomes a spike of
     that multiplicity. An Output becomes a probe of the same name.
 
     Args:
@@ -111,7 +111,7 @@ def examine(graph: Any, dt: float, from_: str | None, reset: str | None) -> Anal
 def examine_file(path: Path, dt: float | None, from_: str | None, reset: str | None) -> tuple[Analysis, str]:
     """Analyse a file whose step and convention may be unknown.
 
-    A value is the argument, else that of the file's metadata, else the default: the equations of NIR, a step of 1 ms.
+    Step and convention are those of the arguments, else of the file's metadata, else 1 ms and the equations of NIR.
 
     Returns:
         The analysis, and a note that names the defaults in use and compares the tools; "" without defaults.
@@ -207,7 +207,7 @@ def _connect(net: Network, analysis: Analysis, link: Link, names: dict[str, str]
 
 
 def _connect_biases(net: Network, analysis: Analysis, names: dict[str, str], h: float) -> None:
-    """Connect the constant inputs. In the tool they begin with the first step; here they begin `depth` steps later.
+    """Connect the constant inputs, which begin in the first step in the tool, and `depth` steps later here.
 
     A current generator acts two steps after it starts. Where a synapse filters the input, the constant input is made of
     spikes, from a neuron that fires in every step.

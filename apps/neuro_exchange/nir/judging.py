@@ -105,7 +105,7 @@ class Analysis:
         links: connections between neuron nodes.
         bias: constant input of each stateful node from the first step on, in the unit of weighted input.
         late_bias: constant input that begins only with the second step.
-        depths: delay of each node in steps. Spikes are that much later here than in the tool.
+        depths: number of steps by which the spikes of each node are later here than in the tool.
         names: populations of the Input and stateful nodes.
         verdicts: verdicts of all nodes.
     """
@@ -129,7 +129,7 @@ class Analysis:
 
     def table(self) -> Verdicts:
         """Return the verdicts in the order of the graph's nodes."""
-        nodes = [each for each in self.graph.nodes.values() if each.kind != "Identity"]
+        nodes = [node for node in self.graph.nodes.values() if node.kind != "Identity"]
         heading = f"{self.graph.source}: from {self.tool or 'an unknown tool'}, steps of {self.step * 1e3:g} ms"
         return Verdicts(heading, tuple(self.verdicts[node.name] for node in nodes))
 
@@ -176,7 +176,7 @@ def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) ->
 
 
 def _judge(analysis: Analysis, node: Node, reset: str | None) -> None:
-    """Add the verdict of a node, regardless of connections."""
+    """Add the verdict of a node by itself, before its connections are analysed."""
     note = _HOW.get(node.kind, "")
     analysis.verdicts[node.name] = Verdict(node.name, node.kind, EXACT, note)
     if node.kind in LACKS.get(str(analysis.tool), ()):
@@ -261,7 +261,8 @@ def _add_link(analysis: Analysis, path: list[str], counted: set[tuple[str, ...]]
     Args:
         analysis: the analysis, changed in place.
         path: names of the nodes, from the source to the target.
-        counted: tails of paths, from a node with a bias on, that are already added. Paths with one tail share its bias.
+        counted: tails of paths, each from a node with a bias to the target, whose bias is already added. Several paths
+            can have the same tail.
     """
     graph = analysis.graph
     nodes = [graph.nodes[name] for name in path]
@@ -307,7 +308,7 @@ def _add_link(analysis: Analysis, path: list[str], counted: set[tuple[str, ...]]
             if other.kind == "Delay" and other.array("delay").any() and full.any():
                 note = f"{_HOW['Delay']}; the bias of '{node.name}' acts from the first step here, in the tool later"
                 analysis.verdicts[other.name] = Verdict(other.name, "Delay", APPROXIMATE, note, measured=FIRST_STEPS)
-        # Recurrent input is that of the step before. In the first step the GraphExecutor has none, and adds no bias.
+        # The GraphExecutor delays recurrent input by a step, so its bias is not added in the first step.
         is_late = path[0] == path[-1] and analysis.tool in BY_GRAPH_EXECUTOR
         (analysis.late_bias if is_late else analysis.bias)[path[-1]] += compose([*maps[k + 1 :], identity])(full)
 
@@ -316,8 +317,8 @@ def _find_depths(analysis: Analysis) -> None:
     """Compute the delay of each node in steps, and refuse loops of several layers.
 
     In the tools a spike passes all forward layers in one step, and recurrent connections of a layer take one step. Here
-    every connection takes at least one. So the delay of a node is at least the number of layers on its shortest path
-    from the Input. A Delay on the path does not absorb these steps: neurons behind a Delay of 5 steps fire 5 steps
+    every connection takes at least one step. So the delay of a node is at least the number of layers on its shortest
+    path from the Input. A Delay on the path does not absorb these steps: neurons behind a Delay of 5 steps fire 5 steps
     after neurons of the same layer without a Delay, as in the tool.
     """
     inputs = [name for name, node in analysis.graph.nodes.items() if node.kind == "Input"]

@@ -70,7 +70,8 @@ def differences(analysis: Analysis, others: Mapping[str, Analysis | str]) -> str
 
     Args:
         analysis: the graph under one convention, without refused nodes.
-        others: by tool, the graph under its convention, or the reason why the tool cannot read the graph.
+        others: for each tool, the analysis of the graph by its convention, or the reason why the tool cannot read the
+            graph.
     """
     refused = {
         tool: reader
@@ -174,16 +175,21 @@ class Layer:
         self.bias, self.late_bias = analysis.bias[name].reshape(-1), analysis.late_bias[name].reshape(-1)
         # snnTorch's importer sends all input through the recurrent weights, and its neurons do not hold the reset.
         recurrent = [n for n in graph.before(name) if n in differing and graph.before(n) == [name]]
-        self.back = np.asarray(graph.nodes[recurrent[0]].fields["weight"], dtype=float) if recurrent else None
+        self.recurrent_weights = (
+            np.asarray(graph.nodes[recurrent[0]].fields["weight"], dtype=float) if recurrent else None
+        )
         self.hold = 0 if recurrent else cell.hold
         bias = graph.nodes[recurrent[0]].fields.get("bias") if recurrent else None
-        self.back_bias = np.zeros(self.bias.size) if bias is None else np.asarray(bias, dtype=float).reshape(-1)
+        self.recurrent_bias = np.zeros(self.bias.size) if bias is None else np.asarray(bias, dtype=float).reshape(-1)
         self.v = np.array((self.cell.rest if self.cell.start is None else self.cell.start), dtype=float)
         self.i, self.above = np.zeros(self.v.size), np.zeros(self.v.size, dtype=bool)
         self.steps_on_hold = np.zeros(self.v.size)
 
     def _input(self, step: int, spikes: Mapping[str, Counts]) -> Floats:
-        feedforward, recurrent = self.bias - self.back_bias + (self.late_bias if step else 0.0), self.back_bias
+        feedforward, recurrent = (
+            self.bias - self.recurrent_bias + (self.late_bias if step else 0.0),
+            self.recurrent_bias,
+        )
         for (link, matrix), lags in zip(self.inputs, self.lags, strict=True):
             emission = step - lags - (link.source == self.name)
             source = spikes[link.source]
@@ -192,7 +198,7 @@ class Layer:
                 recurrent = recurrent + matrix @ arriving
             else:
                 feedforward = feedforward + matrix @ arriving
-        return recurrent + (feedforward if self.back is None else self.back @ feedforward)
+        return recurrent + (feedforward if self.recurrent_weights is None else self.recurrent_weights @ feedforward)
 
     def step(self, step: int, spikes: Mapping[str, Counts]) -> Counts:
         """Advance the neurons by one step, and return how often each fires."""

@@ -12,8 +12,8 @@ from neuro_exchange.nir.cells import SNNTORCH_STEP, Unsupported
 from neuro_exchange.nir.graph import Floats
 
 ENDLESS = 1e12
-"""Time constant in seconds that stands for no leak in tools without IF. A step of 1 ms is 1e-15 of it,
-near the rounding error of a double."""
+"""Time constant in seconds that stands for no leak in tools without IF. In a step of 1 ms the potential loses a share
+of 1e-15, near the rounding error of a double."""
 
 READOUT = "Output"
 """Type of neurons that have no memory and never fire."""
@@ -120,7 +120,7 @@ def _direct(p: dict[str, Floats], tool: str, h: float, fires: bool) -> ScaledNod
     endless = np.isinf(p["tau_m"])
     kept_share = np.where(endless, 1.0, np.exp(-h / p["tau_m"]))
     finite = np.where(endless, 1.0, p["tau_m"])
-    push = np.where(endless, h, -finite * np.expm1(-h / finite)) / p["C_m"]  # mV in a step per pA
+    push = np.where(endless, h, -finite * np.expm1(-h / finite)) / p["C_m"]  # mV per step and pA
     fields = _spike(p, tool) if fires else {}
     if endless.all() and tool != "snntorch":
         r = ones if tool in ("norse", "sinabs") else ones / step
@@ -157,7 +157,7 @@ def _synaptic(p: dict[str, Floats], tool: str, h: float, fires: bool) -> ScaledN
 
 
 def _share(kept_share: Floats, tool: str, step: float) -> Share:
-    """Return the state of which `kept_share` is left after a step (s), in the arithmetic of the tool."""
+    """Return the state that keeps the share `kept_share` after a step, in the tool's arithmetic. `step` is in s."""
     ones, endless = np.ones(kept_share.shape), kept_share >= 1.0
     loss = np.where(endless, 1.0, 1.0 - kept_share)
     with np.errstate(divide="ignore"):

@@ -72,7 +72,7 @@ def _from_file(path: Path) -> Any:
 
 
 def _culprit(path: Path) -> str:
-    """Return "node 'NAME': " for the first node that the package cannot read, or "". The package names no node."""
+    """Return "node 'NAME': " for the first node that the package cannot read, or "". The package's errors lack it."""
     import h5py
 
     nir = package("from_nir")
@@ -127,9 +127,7 @@ def _gather(graph: Any, prefix: str, nodes: dict[str, Node], edges: list[tuple[s
             raise ModelError(f"node '{full_name}': found twice, in a subgraph and beside it: expected different names")
         if kind == "NIRGraph":
             _gather(node, full_name + ".", nodes, edges, depth + 1)
-            inner = {
-                each: [n for n, m in node.nodes.items() if type(m).__name__ == each] for each in ("Input", "Output")
-            }
+            inner = {end: [n for n, m in node.nodes.items() if type(m).__name__ == end] for end in ("Input", "Output")}
             if len(inner["Input"]) != 1 or len(inner["Output"]) != 1:
                 raise ModelError(f"subgraph '{full_name}': expected one Input and one Output")
             ends[str(name)] = f"{full_name}.{inner['Input'][0]}", f"{full_name}.{inner['Output'][0]}"

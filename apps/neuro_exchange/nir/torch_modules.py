@@ -74,7 +74,7 @@ def _norse(module: Any) -> tuple[Writer, str | None]:
     writer, nirtorch = import_module("norse.torch.utils.export_nir"), import_module("nirtorch")
     nir = package("from_torch")
 
-    def scaled(module: Any, example: Any, step: float) -> Any:
+    def export(module: Any, example: Any, step: float) -> Any:
         """Export as `norse.torch.to_nir` does, with three corrections.
 
         Norse's function writes dt / tau_mem_inv as a time constant (so dt is 1 s here), keeps the axis of the batch,
@@ -88,7 +88,7 @@ def _norse(module: Any) -> tuple[Writer, str | None]:
 
         return nirtorch.extract_nir_graph(module, node, example, model_name="norse", ignore_dims=[0])
 
-    return scaled, None
+    return export, None
 
 
 def _snntorch(module: Any) -> tuple[Writer, str | None]:
@@ -146,4 +146,4 @@ WRITERS: dict[str, Callable[[Any], tuple[Writer, str | None]]] = {
     "sinabs": _sinabs,
     "spikingjelly": _spikingjelly,
 }
-"""By tool, the function that returns the exporter to NIR and, if NIR does not store it, the reset rule of a module."""
+"""For each tool, a function of a module that returns the exporter to NIR, and the reset rule if NIR lacks it."""

@@ -1,4 +1,6 @@
-"""The standard cells and synapses of PyNN, and their models here, for both directions.
+"""The standard cells and synapses of PyNN, and their models in neuro, for reading and writing scripts.
+
+"Here" means in neuro, in all files of this package.
 
 PyNN's units are nA, nF, uS, mV and ms; the units here are pA, pF, nS, mV and ms.
 Source: PyNN 0.13, `pyNN/nest/standardmodels/cells.py`.
@@ -24,11 +26,11 @@ class Cell:
     Attributes:
         name: name of PyNN's class.
         model: name of the model here.
-        words: by parameter here, PyNN's parameter and the factor from PyNN's unit to the unit here.
-        states: by PyNN's variable, the state here and the factor from PyNN's unit to the unit here.
+        words: for each parameter here, PyNN's parameter and the factor from PyNN's unit to the unit here.
+        states: for each variable of PyNN, the state here and the factor from PyNN's unit to the unit here.
         weight: factor from PyNN's unit of a weight to the unit here.
         conductance: whether synapses are conductances. PyNN's weights are then positive at both receptors.
-        leak: PyNN has the time constant of the membrane, and the model here has the leak conductance.
+        leak: whether the model here has a leak conductance in place of PyNN's time constant of the membrane.
         fixed: values of parameters here that are constants of PyNN's cell.
     """
 
@@ -109,7 +111,7 @@ CELLS = (
         fixed={"C_m": 200.0, "t_ref": 1.0, "E_ex": 0.0},
     ),
 )
-"""Neurons. A model with two cells is written as the first."""
+"""Cells of neurons. Of two cells with the same model, the first is written."""
 
 BY_NAME = {cell.name: cell for cell in CELLS}
 BY_MODEL = {cell.model: cell for cell in reversed(CELLS)}
@@ -143,7 +145,8 @@ def effects(
     """Return the share of the weight that each spike transmits, here and in PyNN's simulators.
 
     In PyNN's simulators the resources that a spike releases are active with the time constant `tau_syn`, and recover
-    afterwards with `tau_rec`. Here resources recover from the spike on.
+    afterwards with `tau_rec`. Here resources recover from the spike on. Both arrays have one share
+    per interval. All times are in ms.
 
     Source: Tsodyks, Uziel & Markram, J. Neurosci. 20:RC50, 2000; NEST 3.10, `tsodyks2_synapse` and `tsodyks_synapse`.
     """

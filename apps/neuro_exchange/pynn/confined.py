@@ -30,7 +30,8 @@ _PATHS = (
     *("os.utime", "os.setxattr", "os.removexattr", "sqlite3.connect"),
 )
 _WITHOUT_EFFECT = ("chmod", "utime", "setxattr")
-"""Functions of `os` that copying a file also calls. The kernel refuses them, so they do nothing in the process."""
+"""Functions of `os` that the kernel refuses. They are replaced by functions that do nothing, so that a script can
+still copy files, e.g. by `shutil.copy2`."""
 _PROGRAMS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.forkpty", "pty.spawn")
 _NETWORK = ("socket.connect", "socket.bind", "socket.sendto", "socket.sendmsg", "socket.getaddrinfo")
 _SIGNALS = ("os.kill", "os.killpg", "signal.pthread_kill")

@@ -62,18 +62,18 @@ _ALMOST = 1e-6
 
 
 class Incomplete(Exception):
-    """Raised for a part that cannot be converted. An empty message means that another part is the reason."""
+    """Raised for a part that cannot be converted. With an empty message, the reason is a problem of another part."""
 
 
 @dataclass(frozen=True, slots=True)
 class Synapses:
-    """The synapses of a projection between two populations. An assembly has several such bundles.
+    """The synapses of a projection between two populations. A projection of an assembly has several such bundles.
 
     Attributes:
         projection: PyNN's projection.
         source, target: PyNN's populations.
-        pre, post: indices of neurons in the populations.
-        rows: indices of the synapses in the projection.
+        pre, post: indices of the source and target neuron of each synapse, in their populations.
+        rows: index of each synapse in the projection.
     """
 
     projection: Projection
@@ -106,7 +106,7 @@ def shared(values: Any) -> Any:
 
 
 class NetworkBuilder:
-    """Builder of the network of a script at the start of its run. Problems and notes are added to the experiment.
+    """Converter of the parts that a script built before its run. Problems and notes are added to the experiment.
 
     Args:
         experiment: the populations, projections and currents of the script.
@@ -120,7 +120,7 @@ class NetworkBuilder:
         self.experiment, self.step = experiment, experiment.timestep
         self.net = Network(_name(name), resolution=experiment.timestep)
         self.names: dict[Any, str] = {}
-        self.first = np.array([int(part.first_id) for part in experiment.populations], dtype=np.int64)
+        self.first_ids = np.array([int(part.first_id) for part in experiment.populations], dtype=np.int64)
         self.tau_minus: dict[Any, float] = {}
         self.bundles = [bundle for projection in experiment.projections for bundle in self._bundles(projection)]
         self.modulators = [bundle for bundle in self.bundles if _kind(bundle) == "Neuromodulation"]
@@ -131,15 +131,15 @@ class NetworkBuilder:
         self._try_all((part.where, self._probes, part) for part in experiment.populations)
 
     def close(self) -> Network:
-        """Return the network, with the rates that the script set during its run as a schedule."""
+        """Return the network. Rates that the script set during its run become a schedule."""
         for part, name in self.names.items():
             if part.rates and name in self.net.populations:
-                first: Any = self.net.populations[self.names[part]].model
-                rates = {self.step: np.broadcast_to(first.rate, part.size)}
+                poisson: Any = self.net.populations[self.names[part]].model
+                rates = {self.step: np.broadcast_to(poisson.rate, part.size)}
                 rates |= {max(self.step, self._rounded(time, "times")): values for time, values in part.rates}
                 table = np.array(list(rates.values()))
                 values = table[:, 0] if (table == table[:, :1]).all() else table.T
-                window = {"start": first.start, "stop": first.stop}
+                window = {"start": poisson.start, "stop": poisson.stop}
                 self.net.populations[name] = replace(
                     self.net.populations[name],
                     model=inhomogeneous_poisson_generator(rate_times=list(rates), rate_values=values, **window),
@@ -197,7 +197,7 @@ class NetworkBuilder:
         return states
 
     def _rounded(self, times: Any, subject: str, smallest: float = 0.0) -> Any:
-        """Round times in ms to steps as NEST does. `smallest` is the smallest number of steps."""
+        """Return times in ms, rounded to whole steps as NEST does. `smallest` is the smallest number of steps."""
         steps = np.maximum(np.floor(np.asarray(times) / self.step + 0.5 + _ALMOST), smallest)
         error = np.max(np.abs(steps * self.step - times), initial=0.0)
         if error > _ALMOST * self.step:
@@ -262,10 +262,10 @@ class NetworkBuilder:
             np.array(part.all_cells, dtype=np.int64)[end]
             for part, end in zip((projection.pre, projection.post), ends, strict=True)
         ]
-        sources, targets = (np.searchsorted(self.first, side, side="right") - 1 for side in ids)
+        sources, targets = (np.searchsorted(self.first_ids, side, side="right") - 1 for side in ids)
         for source, target in sorted(set(zip(sources.tolist(), targets.tolist(), strict=True))):
             rows = np.flatnonzero((sources == source) & (targets == target))
-            pre, post = ids[0][rows] - self.first[source], ids[1][rows] - self.first[target]
+            pre, post = ids[0][rows] - self.first_ids[source], ids[1][rows] - self.first_ids[target]
             order = np.lexsort((post, pre))
             parts = self.experiment.populations
             yield Synapses(projection, parts[source], parts[target], pre[order], post[order], rows[order])
@@ -289,7 +289,7 @@ class NetworkBuilder:
         self.net.connect(source, target, rule, synapse, name=name, **place)
 
     def _population_name(self, part: Any) -> str:
-        """Return the name of a population. If the population cannot be converted, its projections are no problems."""
+        """Return the name of a population. If the population is a problem, its projections add no problems."""
         name = self.names.get(part, "")
         if name not in self.net.populations:
             raise Incomplete("")
@@ -401,7 +401,10 @@ class NetworkBuilder:
         return vogels_sprekeler(Wmax=largest * factor, **rule)
 
     def _dopamine(self, bundle: Synapses, modulators: Sequence[Synapses], factor: float) -> Any:
-        """Convert dopamine of sPyNNaker: a spike adds the weight of the synapse there, and 1 / tau_n here."""
+        """Convert sPyNNaker's learning by dopamine.
+
+        A spike raises the dopamine by the weight of its synapse in sPyNNaker, and by 1 / tau_n here.
+        """
         modulator, parameters = self._dopamine_source(modulators, factor)
         scale = modulator.number("weight") * modulator.number("tau_d") * factor
         steps: dict[str, Any] = {word: bundle.number(word) * scale for word in ("A_plus", "A_minus")}
@@ -463,10 +466,10 @@ class NetworkBuilder:
         name = _unused_name(kind, {*self.net.populations, *self.net.projections})
         self.net.population(name, 1, self._generator(kind, values))
         ids = np.array(cells, dtype=np.int64)
-        populations = np.searchsorted(self.first, ids, side="right") - 1
+        populations = np.searchsorted(self.first_ids, ids, side="right") - 1
         for index in sorted({*populations.tolist()}):
             target = self._population_name(self.experiment.populations[index])
-            post = np.sort(ids[populations == index] - self.first[index])
+            post = np.sort(ids[populations == index] - self.first_ids[index])
             rule = pairs(pre=np.zeros(post.size, dtype=np.int64), post=post)
             label = _unused_name(f"{name}_{target}", {*self.net.populations, *self.net.projections})
             self.net.connect(name, target, rule, weight=1.0, delay=self._current_delay(), name=label)

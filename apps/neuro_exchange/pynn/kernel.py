@@ -1,8 +1,8 @@
-"""Restrictions by the Linux kernel of the process that runs a script.
+"""Restrictions that the Linux kernel applies to the process that runs a script.
 
 Landlock refuses to write files outside of a folder, and to start programs. A seccomp filter allows only the system
-calls that building a network needs. All other calls fail with EPERM, e.g. those for sockets, processes, signals to
-other processes, and for modes, owners and times of files.
+calls that building a network needs. All other calls fail with EPERM, e.g. calls for sockets, for processes, for signals
+to other processes, and for modes, owners and times of files.
 
 Source: Linux, Documentation/userspace-api/landlock.rst, Documentation/userspace-api/seccomp_filter.rst.
 """

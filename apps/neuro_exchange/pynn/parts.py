@@ -14,11 +14,9 @@ from pyNN.parameters import ArrayParameter, LazyArray, ParameterSpace, simplify
 from neuro_exchange.pynn.session import MOST_SAMPLES, SESSION, SIMULATOR
 from neuro_exchange.pynn.standard import PLACEHOLDER, SYNAPSES, present
 
-_ANSWERS = ("get_data", "get_spike_counts", "mean_spike_count", "spinnaker_get_data")
-
 
 class Recorder(recording.Recorder):
-    """PyNN's recorder: stores which variables are recorded, and returns data without spikes, with constant states."""
+    """PyNN's recorder. The data that it returns have no spikes, and all states keep their initial values."""
 
     _simulator = SIMULATOR
 
@@ -53,8 +51,8 @@ class Recorder(recording.Recorder):
         pass
 
 
-def _each(value: Any, size: int) -> NDArray[Any]:
-    """Return an array with a value per neuron. A sequence of times is a single value."""
+def _per_neuron(value: Any, size: int) -> NDArray[Any]:
+    """Return an array with one value per neuron. A sequence of spike times is one value, which all neurons share."""
     if not isinstance(value, ArrayParameter):
         return np.array(np.broadcast_to(value, size))
     values = np.empty(size, dtype=object)
@@ -99,7 +97,7 @@ class _Neurons:
     def _set_parameters(self, parameter_space: Any) -> None:
         population, neurons = self._selection()
         parameter_space.evaluate(simplify=False)
-        values = {name: _each(value, self.size) for name, value in parameter_space.items()}
+        values = {name: _per_neuron(value, self.size) for name, value in parameter_space.items()}
         is_live_source = SESSION.experiment.runs and type(population.celltype).__name__ == "SpikeSourcePoisson"
         if not (is_live_source and values.keys() == {"rate"}):
             SESSION.changed(f"parameters of population '{population.label}' are set")
@@ -154,10 +152,10 @@ class Population(_Neurons, mock_populations.Population):
     Attributes:
         values: values of the parameters per neuron, in PyNN's units.
         initial: initial values of the states per neuron, in PyNN's units.
-        rates: times and rates that are set while a Poisson source runs.
+        rates: times in ms at which the script sets the rates of a running Poisson source, and the rates in Hz.
         where: line of the script that makes the population.
         named: whether the script names the population.
-        laid_out: whether the script gives the neurons positions.
+        laid_out: whether the script sets positions of the neurons.
     """
 
     _simulator = SIMULATOR
@@ -203,7 +201,7 @@ class Population(_Neurons, mock_populations.Population):
         parameters = self.celltype.native_parameters
         parameters.shape = (self.size,)
         parameters.evaluate(simplify=False)
-        self.values = {name: _each(value, self.size) for name, value in parameters.as_dict().items()}
+        self.values = {name: _per_neuron(value, self.size) for name, value in parameters.as_dict().items()}
         _check_times(self.values.get("spike_times", ()))
 
 
@@ -214,7 +212,7 @@ _by_column = LazyArray.by_column
 
 
 def _columns(self: Any, mask: Any = None) -> Iterator[Any]:
-    """Return each column as an array. PyNN 0.13 indexes columns, but a single row gives a number without index."""
+    """Yield each column as an array. PyNN 0.13 indexes the columns, but those of a single row are plain numbers."""
     return (column if column is True else np.atleast_1d(column) for column in _by_column(self, mask))
 
 

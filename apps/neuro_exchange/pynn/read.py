@@ -1,4 +1,4 @@
-"""Read a script of PyNN as a network. The script runs in its own process, which records and simulates nothing."""
+"""Read a script of PyNN as a network. The script runs in its own process and simulates nothing."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def from_pynn(
 
     Args:
         script: name of the script.
-        run_script: allow running the script; an error without it.
+        run_script: allow running the script. Without this permission, the function raises an error.
         arguments: command-line arguments of the script. Default for a script that reads arguments: the name of a
             simulator, "spiNNaker" if the script uses `extra_models`, else "nest".
         network: number of the network, from 1, if the script builds several; default: the last.
@@ -66,7 +66,7 @@ def from_pynn(
 
     Raises:
         ModelError: the script may not be run, fails, exceeds a limit, builds no network, or has parts that cannot be
-            converted. The error lists all their lines.
+            converted. The error lists the lines of all such parts.
     """
     path = existing(script, "a script of PyNN")
     if not run_script:

@@ -13,13 +13,14 @@ from typing import Any, BinaryIO, get_args, get_origin, get_type_hints
 from neuro.apps import Where
 
 MOST_BYTES = 1 << 26
+"""Largest size of a report in bytes."""
 LONGEST = 10_000
 """Largest length of a text in characters."""
 _NETWORK = re.compile(r"[0-9]{1,6}\.yaml|")
 
 
 class Damaged(ValueError):
-    """Raised for a report that has not the expected form."""
+    """Raised for a report that does not have the expected form."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +30,7 @@ class Remark:
     Attributes:
         file: name of the file; "" if unknown.
         line: number of the line, from 1; 0 if unknown.
-        message: the message.
+        message: text of the message.
     """
 
     file: str
@@ -49,7 +50,7 @@ class BuiltNetwork:
     Attributes:
         file: name of the network's file; "" if the network cannot be converted.
         problems: reasons why the network cannot be converted.
-        notes: differences between the network in PyNN and here.
+        notes: differences between the network in PyNN and the converted network.
         runs: duration of each call of `run` in ms.
         line: line of `setup`; 0 if unknown.
     """
@@ -69,7 +70,7 @@ class Failure:
         message: message of the error.
         line: line of the script; 0 if unknown.
         harmless: whether the networks are complete in spite of the error.
-        kind: "raised", "exit", "memory", "refused", "time" or "".
+        kind: cause of the failure: "raised", "exit", "memory", "refused" or "time"; "" for other causes.
     """
 
     message: str
@@ -97,7 +98,7 @@ class Report:
         """Return the report of an open file, or None if the file is empty.
 
         Raises:
-            Damaged: the content is too long, is not JSON, or has not the form of a report.
+            Damaged: the content is too long, is not JSON, or does not have the form of a report.
         """
         size = os.fstat(file.fileno()).st_size
         if size > MOST_BYTES:
@@ -123,7 +124,7 @@ def _decoded(kind: Any, value: Any, place: str) -> Any:
     """Convert a value of JSON to a type of the report: a dataclass, a tuple, an optional, a text, a number or a bool.
 
     Raises:
-        Damaged: the value has not that type.
+        Damaged: the value does not have that type.
     """
     if isinstance(kind, type) and is_dataclass(kind):
         hints = get_type_hints(kind)

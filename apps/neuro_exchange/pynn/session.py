@@ -1,4 +1,4 @@
-"""The session of a script of PyNN: a simulator that only counts time, and the parts that the script builds, with lines.
+"""The session of a script of PyNN: a clock in place of a simulator, and the parts that the script builds, by line.
 
 The module also has the functions of a PyNN simulator: `setup`, `run`, `reset` and `end`.
 """
@@ -57,7 +57,7 @@ class Experiment:
     notes: Remarks = field(default_factory=dict)
 
     def to_report(self, file: str) -> BuiltNetwork:
-        """Return the entry of the report; `file` has the network, "" if the network cannot be converted."""
+        """Return the entry of the report. `file` names the network's file; "" if the network cannot be converted."""
         problems, notes = (
             tuple(
                 Remark(place.file if place else "", place.line if place else 0, message[:LONGEST])
@@ -102,7 +102,7 @@ class Session(mock_simulator.State):
             folder: folder for the networks.
             script: the script's file.
             run_folder: folder in which the script runs. Modules in the folder belong to the script.
-            gather: returns the builder of a network from an experiment and a name.
+            gather: function that returns the builder of a network from an experiment and a name.
         """
         self.folder, self.script, self.files, self.gather = folder, script, (str(script), f"{run_folder}/"), gather
 
@@ -125,14 +125,14 @@ class Session(mock_simulator.State):
         self.experiment.notes.setdefault((self.where(), message))
 
     def changed(self, what: str) -> None:
-        """Register a change of the network: part of the network before a run, a live change after a run."""
+        """Register a change. A change before the first run belongs to the network; a later change is a live change."""
         if self.experiment.runs:
             self.experiment.live.append((self.where(), what))
         else:
             self.captured = False
 
     def capture(self) -> None:
-        """Convert the present network, which is complete: it starts to run, or a new network begins."""
+        """Convert the present network, which is complete when its run starts or the next network begins."""
         if not self.captured and self.experiment.populations:
             self.captured = True
             self.close()
@@ -212,7 +212,8 @@ def end(compatible_output: bool = True) -> None:
     SESSION.capture()
 
 
-def _until(time: Any) -> bool:
+def _is_endless(time: Any) -> bool:
+    """Return whether a run has no end. Such a run is noted, and only its network is converted."""
     if time is not None and np.isfinite(time):
         return False
     SESSION.capture()
@@ -225,12 +226,12 @@ _run, _run_until = common.build_run(SIMULATOR)
 
 def run(simtime: Any, callbacks: Any = None) -> float:
     """PyNN's `run`."""
-    return float(SESSION.t if _until(simtime) else _run(simtime, callbacks))
+    return float(SESSION.t if _is_endless(simtime) else _run(simtime, callbacks))
 
 
 def run_until(time_point: Any, callbacks: Any = None) -> float:
     """PyNN's `run_until`."""
-    return float(SESSION.t if _until(time_point) else _run_until(time_point, callbacks))
+    return float(SESSION.t if _is_endless(time_point) else _run_until(time_point, callbacks))
 
 
 _reset = common.build_reset(SIMULATOR)

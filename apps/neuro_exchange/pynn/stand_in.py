@@ -1,9 +1,9 @@
 """Replacements of PyNN's simulators while a script runs, which store the parts that the script builds.
 
 Results have no spikes. The classes are subclasses of PyNN's common classes, so names, checks, connectors and random
-numbers are PyNN's. A name without a counterpart gives a part that accepts every call. Each call is a problem of the
-calling line, and the script continues, so all problems are found. Only the process of the script imports this module,
-see `confined`.
+numbers are PyNN's. A name without a counterpart gives a part that accepts every call. Each call adds a problem for
+the calling line, and the script continues, so that all problems are found. Only the process of the script imports this
+module, see `confined`.
 """
 
 from __future__ import annotations

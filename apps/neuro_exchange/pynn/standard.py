@@ -30,7 +30,7 @@ from neuro_exchange.pynn.session import MOST_SAMPLES, SESSION
 
 
 class Absent:
-    """A part of a simulator without a counterpart here. Each call is a problem of the calling line."""
+    """Replacement of a simulator's part that has no counterpart here. Each call adds a problem for the calling line."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -50,12 +50,12 @@ class Absent:
 
 
 def present(part: Any, replacement: Any) -> Any:
-    """Return the part. An absent part is a problem, and is replaced so that the script continues."""
+    """Return the part. If it is absent, add a problem and return the replacement, so that the script continues."""
     return replacement() if isinstance(part, Absent) and part() else part
 
 
 def _with_pynn_names(kind: Any, **attributes: Any) -> Any:
-    """Return a subclass of a class of PyNN that keeps PyNN's names and units of parameters."""
+    """Return a subclass of a PyNN class, whose parameters keep PyNN's names and units."""
     names = build_translations(*((word, word) for word in kind.default_parameters))
     return type(kind.__name__, (kind,), {"translations": names, "standard_receptor_type": True, **attributes})
 
@@ -115,6 +115,8 @@ class STDPMechanism(Delayed, synapses.STDPMechanism):
 
 
 class _Source:
+    """Base class of current sources. A source stores its parameters and the neurons that receive its current."""
+
     def __init__(self, **parameters: Any) -> None:
         parameters.pop("rng", None)
         times = np.asarray(parameters.get("times", ()), dtype=float)
@@ -122,7 +124,7 @@ class _Source:
             raise ValueError("Step current timestamps should be monotonically increasing, and not negative.")
         space = ParameterSpace(self.default_parameters, self.get_schema(), shape=(1,))  # type: ignore[attr-defined]
         space.update(**parameters)
-        object.__setattr__(self, "_kept", space)
+        object.__setattr__(self, "_space", space)
 
     def inject_into(self, cells: Any) -> None:
         """Store the neurons that receive the current."""
@@ -134,11 +136,11 @@ class _Source:
     def set_native_parameters(self, parameters: Any) -> None:
         """Change parameters of the source."""
         SESSION.changed("a current is changed")
-        self._kept.update(**dict(parameters.items()))  # type: ignore[attr-defined]
+        self._space.update(**dict(parameters.items()))  # type: ignore[attr-defined]
 
     def get_native_parameters(self) -> Any:
         """Return the parameters of the source."""
-        return self._kept  # type: ignore[attr-defined]
+        return self._space  # type: ignore[attr-defined]
 
     def record(self) -> None:
         """Do nothing: there are no results."""
@@ -150,7 +152,7 @@ class _Source:
 
     def values(self) -> dict[str, Any]:
         """Return the parameters as numbers and arrays."""
-        space = deepcopy(self._kept)  # type: ignore[attr-defined]  # a space can be evaluated only once
+        space = deepcopy(self._space)  # type: ignore[attr-defined]  # a space can be evaluated only once
         space.evaluate(simplify=True)
         return {name: getattr(value, "value", value) for name, value in space.as_dict().items()}
 
@@ -185,14 +187,14 @@ class Vogels2011Rule(STDPTimingDependence):
 
 
 class SpikeNearestPairRule(STDPTimingDependence):
-    """STDP of nearest pairs. Of the target spikes, only the first after each source spike counts."""
+    """STDP of nearest pairs. After each source spike, only the first target spike counts."""
 
     default_parameters = {"tau_plus": 20.0, "tau_minus": 20.0, "A_plus": 0.01, "A_minus": 0.01}
     translations = _unchanged(*default_parameters)
 
 
 class PfisterSpikeTriplet(STDPTimingDependence):
-    """STDP of pairs and triplets. A step is `A_plus` (or another amplitude) times w_max."""
+    """STDP of pairs and triplets. A step of the weight is w_max times an amplitude, such as `A_plus`."""
 
     default_parameters = {
         **{"tau_plus": 20.0, "tau_minus": 20.0, "tau_x": 101.0, "tau_y": 114.0},
@@ -209,7 +211,10 @@ class WeightDependenceAdditiveTriplet(STDPWeightDependence):
 
 
 class RecurrentRule(STDPTimingDependence):
-    """Pairs within random windows count up or down. At its limits, the counter of a synapse changes the weight."""
+    """Rule with a counter per synapse. Pairs within random windows raise or lower the counter.
+
+    The weight changes when the counter reaches one of its two limits.
+    """
 
     default_parameters = {
         **{"accumulator_depression": -6, "accumulator_potentiation": 3, "mean_pre_window": 35.0},
@@ -240,8 +245,8 @@ _ADDITIONS = (
 def spinnaker_names() -> dict[str, Any]:
     """Return the parts of sPyNNaker's module by name.
 
-    Cells of sPyNNaker have two names for a synaptic input, and receptors for dopamine. The receptor determines the sign
-    of a weight, so the sign is not checked.
+    In sPyNNaker every cell can record its synaptic inputs as `gsyn_exc` and `gsyn_inh`, and has receptors for dopamine.
+    The receptor determines the sign of a weight, so the sign of the number is not checked.
     """
     parts: dict[str, Any] = {name: kind for name, kind in CELLS.items() if name.startswith("SpikeSource")}
     for name, kind in CELLS.items():
@@ -262,7 +267,7 @@ def spinnaker_names() -> dict[str, Any]:
 
 
 def converted(name: str) -> Any:
-    """Return a function of `neo_convertor` for results without spikes."""
+    """Return the replacement of a function of sPyNNaker's `neo_convertor`. It returns empty results."""
 
     def convert(*args: Any, **options: Any) -> Any:
         SESSION.read = True
@@ -274,7 +279,7 @@ def converted(name: str) -> Any:
 
 
 def delta_jump(values: dict[str, Any], step: float) -> NDArray[np.float64]:
-    """Return the jump of each neuron's potential in mV for a weight of 1 nA, which is a current of one step.
+    """Return the jump of each neuron's potential in mV for a weight of 1 nA: a current of 1 nA for one step.
 
     Args:
         values: parameters of the neurons, in PyNN's units.

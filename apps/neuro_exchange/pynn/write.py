@@ -42,7 +42,7 @@ _WIDTH = 116
 _EARLY = 0.5
 """Part of a step by which a spike time lies before the end of its step. NEST and sPyNNaker round times up to a step.
 Brian2 rounds down, and counts from the beginning of a step. With times inside the step all agree."""
-_WITHOUT = {
+_OFF_VALUES = {
     **{"V_min": -np.inf, "refractory_input": 0.0, "rk4_substeps": 0.0, "gsl_error_tol": 1e-6},
     **{"reset_by_subtraction": 0.0, "max_spikes": 1.0, "threshold_rises": 0.0},
 }
@@ -67,7 +67,7 @@ _TIMINGS = {
     ),
     "recurrent": (f"{_EXTRA}.RecurrentRule", {word: word for word in (*_COUNTS, "A_plus", "A_minus")}),
 }
-"""By timing, the rule of sPyNNaker and its parameters with the parameters here."""
+"""For each timing, the rule of sPyNNaker, and the parameter here for each parameter of the rule."""
 _PAIRS = 16.0
 """Number of spike pairs that an eligibility can hold before it saturates."""
 
@@ -86,7 +86,8 @@ def to_pynn(net: Network, path: str | os.PathLike[str], *, seed: int = 0, durati
         path: name of the script, which ends in `.py`.
         seed: seed of random values.
         duration: duration of the script's run in ms; default: 1000. With a duration, spikes of random generators are
-            drawn for that time and written as lists. Without one, the simulator draws those of `poisson_generator`.
+            drawn for that time and written as lists. Without a duration, the simulator draws the spikes of
+            `poisson_generator`.
 
     Returns:
         Verdicts for the parts that differ in PyNN.
@@ -225,7 +226,7 @@ class _Script:
 
     def _cell(self, part: Population) -> tuple[str, dict[str, str]]:
         cell, parameters = BY_MODEL[part.model.name], part.parameters
-        for word, default in (_WITHOUT | ({"V_th": _PEAK} if cell.name == "Izhikevich" else {})).items():
+        for word, default in (_OFF_VALUES | ({"V_th": _PEAK} if cell.name == "Izhikevich" else {})).items():
             if word in parameters and np.any(parameters[word] != default):
                 raise ModelError(f"'{word}' has no counterpart in PyNN's {cell.name}")
         values = cell.to_pynn({word: np.broadcast_to(value, part.size) for word, value in parameters.items()})
@@ -317,7 +318,7 @@ class _Script:
         is_complete = are_equal and pre.size == part.size and part.grid is None
         connector = {"one_to_one": "OneToOneConnector()", "dense": "AllToAllConnector()"}.get(part.layout, "")
         if part.size == 1:
-            connector = "AllToAllConnector()"  # PyNN 0.13 with NumPy 2.1 or later connects single neurons only so
+            connector = "AllToAllConnector()"  # the only one of PyNN 0.13 for single neurons and NumPy >= 2.1
         if not (is_complete and connector):
             self.arrays[name] = np.column_stack((pre, post, weights, delays))
             connector = f'FromListConnector(data["{name}"], column_names=["weight", "delay"])'
@@ -333,7 +334,7 @@ class _Script:
         self._call("sim.Projection(", arguments)
 
     def _synapse_call(self, part: Projection, target: Population, cell: Cell) -> str:
-        """Return the call that makes the synapse, up to weight and delay."""
+        """Return the beginning of the call that makes the synapse. Weight and delay are its last arguments."""
         rule = part.synapse
         if isinstance(rule, static):
             return "StaticSynapse("
@@ -363,7 +364,7 @@ class _Script:
         return f"STDPMechanism({mechanism}, dendritic_delay_fraction=dendritic, "
 
     def _stdp(self, rule: stdp | stdp_nn_symm, p: dict[str, float], cell: Cell) -> str:
-        """Return timing and weight dependence of `stdp` and `stdp_nn_symm`."""
+        """Return the calls for timing and weight dependence of `stdp` and `stdp_nn_symm`."""
         up, down, plus, minus, largest = (p[word] for word in ("lambda", "alpha", "mu_plus", "mu_minus", "Wmax"))
         if up == 0.0 and down:
             up = down = 0.0
@@ -385,7 +386,7 @@ class _Script:
         return f"sim.SpikePairRule({arguments}), sim.{dependence}({_words(bounds)})"
 
     def _spinnaker_rule(self, part: Projection, p: dict[str, float], cell: Cell) -> str:
-        """Return timing and weight dependence of a rule that only sPyNNaker has, and add its source of dopamine."""
+        """Return the calls for timing and weight dependence of a rule of sPyNNaker, and add its source of dopamine."""
         rule, unit = part.synapse, cell.weight
         largest, multiplicative, timing = abs(p["Wmax"]), False, "pair"
         bounds = {"w_min": abs(p.get("Wmin", 0.0)) / unit, "w_max": largest / unit}
