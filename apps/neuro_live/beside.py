@@ -34,9 +34,11 @@ from neuro.extend import EngineCounts, Neuron, Program
 CURRENTS = 24
 """Number of currents of an F-I curve."""
 CURVE_MS = 1000.0
+"""Duration of the run for an F-I curve, ms."""
 LARGEST = 3_000_000
 """Largest number of synapses of a network that is compiled a second time for its energy."""
 MOST_WAITING = 2
+"""Number of waiting jobs above which a request for a curve is refused."""
 NICE = 10
 
 Job = dict[str, Any]
@@ -127,7 +129,7 @@ def _result(task: Task) -> Any:
 
 
 def without_recordings(sim: Simulation) -> Network:
-    """Return the network with cameras without recordings; the counts already contain the cameras' spikes."""
+    """Return the network, in which cameras have no recordings. The counts already contain the cameras' spikes."""
     net = copy(sim._net)
     shapes = {part.name: part.shape for part in sim.program.populations}
     net.populations = {
@@ -222,7 +224,7 @@ def has_curve(model: Neuron) -> bool:
 
 
 def _curve(job: Job) -> dict[str, Any]:
-    """Return the rates at currents from 0 to three times the smallest current with spikes, found on a coarse scale."""
+    """Return the rates at currents from 0 to three times the smallest current with spikes, found by a coarse scan."""
     sim = compiled(load(job["path"]))
     rates = partial(_rates, sim)
     coarse = np.concatenate(([0.0], np.geomspace(1.0, 1e5, CURRENTS - 1)))

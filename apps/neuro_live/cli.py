@@ -214,7 +214,7 @@ def live(
 def _show_world(
     net: Network, host: str, port: int, speed: float, no_browser: bool, duration: float | None, **words: Any
 ) -> None:
-    """Run a network in its world with learning, as one block of `closed_loop`. A page shows the run at a speed."""
+    """Run a network and the world with learning, as a single block of `closed_loop`, and show the run on a page."""
     from neuro import closed_loop
     from neuro_live import Page
     from neuro_live.page import KEPT_MS

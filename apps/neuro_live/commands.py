@@ -206,7 +206,7 @@ class Commands:
     def _seed(self, request: Request) -> None:
         self._page.show_again(check(_SEED, request.get("value"), "seed"))
 
-    # its parts
+    # the parts of the network
 
     def _sliders(self, request: Request) -> Answer:
         return {"sliders": sliders(self._sim, self._part(request))}, b""

@@ -190,7 +190,7 @@ def furthest(value: float, end: float, step: float, accepted: Callable[[float], 
 
     if edge < near or not accepted(at(near)):
         return value
-    for step_k in (edge, edge - 1):  # usually the bound itself is valid, or, if it is exclusive, the value next to it
+    for step_k in (edge, edge - 1):  # usually the bound itself is valid, or the value next to an exclusive bound
         if accepted(at(step_k)):
             return at(step_k)
     while edge - near > 1:

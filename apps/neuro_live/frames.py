@@ -24,9 +24,11 @@ from neuro.extend import Floats, Ints, Population, Projection
 MOST_SPIKES = 2000
 """Largest number of spikes of a population in a frame. Of more spikes every n-th is sent; rates count all."""
 MOST_READ = 8 * MOST_SPIKES
-"""Approximate largest number of spikes of a population that are read for a frame; of more, the last ones."""
+"""Approximate largest number of spikes of a population that are read for a frame. Of more spikes the last are read."""
 MOST_COLUMNS = 4
+"""Largest number of columns of a probe that are sent."""
 MOST_SAMPLES = 500
+"""Largest number of samples of a probe, or of the watched state, in a frame."""
 WIDEST = 200
 """Largest side of a camera's picture in pixels. Larger sensors are reduced by sums over squares of pixels."""
 
@@ -47,7 +49,7 @@ class Frames:
         self._sim, self._engine, self._clock = sim, sim._engine, Clock(sim.program.resolution)
         self._populations = list(enumerate(sim.program.populations))
         self._cameras = [(k, p) for k, p in self._populations if p.kind == "listed" and p.stream is not None]
-        self.traces = _recorded(sim)
+        self.traces = _traces_of(sim)
         self._sampled: list[tuple[float, float]] = []
         self.watched: dict[str, Any] = {}
         self.begin()
@@ -118,14 +120,14 @@ class Frames:
         begin, end = self.step, self._engine.step
         self._begin_ms, body = self._clock.ms(begin), list[bytes]()
         head: dict[str, Any] = {"time": self._clock.ms(end), "began": self._begin_ms, "rates": self._rates(end - begin)}
-        head["spikes"] = [entry for k in self._spikes if (entry := self._of_spikes(k, begin, body))]
-        head["traces"] = [entry for k in self._samples if (entry := self._of_samples(k, begin, body))]
+        head["spikes"] = [entry for k in self._spikes if (entry := self._append_spikes(k, begin, body))]
+        head["traces"] = [entry for k in self._samples if (entry := self._append_samples(k, begin, body))]
         if self._sampled:
             times, values = (np.array(self._sampled) - (self._begin_ms, 0.0)).T.astype("<f4")
             head["watched"] = {"samples": len(self._sampled)}
             body += [times.tobytes(), values.tobytes()]
             self._sampled = []
-        head["cameras"] = [self._picture(k, part, body) for k, part in self._cameras]
+        head["cameras"] = [self._append_picture(k, part, body) for k, part in self._cameras]
         self.step = end
         return head, b"".join(body)
 
@@ -147,7 +149,7 @@ class Frames:
     def _total(self, index: int) -> int:
         return int(self._fired(index).sum())
 
-    def _of_spikes(self, index: int, begin: int, body: list[bytes]) -> list[int]:
+    def _append_spikes(self, index: int, begin: int, body: list[bytes]) -> list[int]:
         """Append a population's spikes to the body; return the population and the number of spikes, or []."""
         recordings, self._spikes[index] = self._spikes[index], []
         if not recordings:
@@ -158,7 +160,7 @@ class Frames:
         body += [(steps - begin).astype("<u4").tobytes(), ids.astype("<u4").tobytes()]
         return [index, ids.size]
 
-    def _of_samples(self, index: int, begin: int, body: list[bytes]) -> list[int]:
+    def _append_samples(self, index: int, begin: int, body: list[bytes]) -> list[int]:
         """Append a probe's samples to the body; return the trace and the numbers of samples and columns, or []."""
         recordings, self._samples[index] = self._samples[index], []
         if not recordings:
@@ -169,7 +171,7 @@ class Frames:
         body += [((steps - begin) * self._clock.resolution).astype("<f4").tobytes(), values.T.astype("<f4").tobytes()]
         return [index, steps.size, values.shape[1]]
 
-    def _picture(self, index: int, part: Population, body: list[bytes]) -> list[int]:
+    def _append_picture(self, index: int, part: Population, body: list[bytes]) -> list[int]:
         """Append a camera's events since the last frame to the body; return the population and the picture's shape."""
         counts = self._fired(index)
         events = (counts - self._last_counts[index]).reshape(-1, *part.shape[-2:])
@@ -192,7 +194,7 @@ def smaller(events: Ints) -> NDArray[np.int64]:
     return sums
 
 
-def _recorded(sim: Simulation) -> list[dict[str, Any]]:
+def _traces_of(sim: Simulation) -> list[dict[str, Any]]:
     """Return the name, part, state and unit of each probe that records at regular intervals."""
     program, traces = sim.program, list[dict[str, Any]]()
     for probe in program.probes:
@@ -203,19 +205,19 @@ def _recorded(sim: Simulation) -> list[dict[str, Any]]:
         traces.append({"name": probe.name, "of": part.name, "state": probe.record, "unit": unit})
     for synapses in program.synapse_probes:
         if synapses.every:
-            part_ = program.projections[synapses.projection]
-            traces.append({"name": synapses.name, "of": part_.name, "state": synapses.record, "unit": ""})
+            projection = program.projections[synapses.projection]
+            traces.append({"name": synapses.name, "of": projection.name, "state": synapses.record, "unit": ""})
     return traces
 
 
 BINS = 48
 SIDE = 40
-"""Largest number of rows and columns of the matrix; with more neurons an entry is the mean of several."""
+"""Largest number of rows and columns of the matrix; with more neurons an entry is a mean over several neurons."""
 MOST_MAPS = 12
 LARGEST = 1_000_000
 """Largest number of synapses of a projection whose weights are read during the run."""
 CHOSEN = 50_000
-"""Approximate number of synapses for the histogram and the matrix; of more synapses every n-th is used."""
+"""Approximate number of synapses for the histogram and the matrix; of more synapses only every n-th is used."""
 
 
 def weights_of(sim: Simulation, index: int) -> dict[str, Any]:

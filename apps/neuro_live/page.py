@@ -30,6 +30,7 @@ FRAME_S = 1 / 40
 POLL_S = 5e-3
 """Interval between two checks for messages, s."""
 SAMPLE_S = 1e-3
+"""Shortest interval between two samples of the watched state, s."""
 STRETCH_S, LONGEST_MS = 2e-3, 20.0
 """Duration of a piece of the run in s of real time, and its upper bound in ms of network time."""
 WATCH_MS = 0.5
@@ -37,10 +38,13 @@ WATCH_MS = 0.5
 KEPT_MS = 500.0
 """Time for which recordings are kept in memory, ms."""
 BESIDE_S = 0.05
+"""Interval between two checks for results of slow computations, s."""
 SEEN_S = 1.0
 """Time after the last request for a frame for which a browser counts as watching, s."""
 SLOW_S = 0.25
+"""Shortest interval between two slow updates, s of the run."""
 PRICE_S = 1.0
+"""Interval between two requests for the energy of the run, s."""
 SHARE, SAMPLE_SHARE, SLOW_SHARE = 0.025, 0.005, 0.005
 """Share of the time of the run that may be used for frames, for samples of the watched state, and for slow updates.
 Updates that need more time become rarer."""
@@ -105,8 +109,8 @@ class Page:
         self.restart, self._figures = restart, figures
         self._waited = self._frame_due = self._sample_used = self._beside_due = 0.0
         self._due = self._slow_due = self._sample_due = self._price_due = self._seen_until = 0.0
-        self._wanted = self._unseen = self._ahead = self._stopped = False
-        self._taken = 0.0
+        self._frame_wanted = self._has_new_browser = self._ahead = self._stopped = False
+        self._last_frame_s = 0.0
         self._measured = (time.perf_counter(), sim.time)
         self._speed = 0.0
         self._process, self._channel = _serve()
@@ -164,9 +168,9 @@ class Page:
         """
         now = time.perf_counter()
         if now >= self._due and self._channel.open:
-            self._attend(now)
+            self._handle_requests(now)
         if now < self._seen_until:
-            if now >= self._sample_due and (self._ahead or self._used() >= self._sample_used):
+            if now >= self._sample_due and (self._ahead or self._run_time_s() >= self._sample_used):
                 self._sample(now)
             if self.frames.is_forgotten and not self.frames.went_back:
                 self.frames.gather()
@@ -180,7 +184,7 @@ class Page:
             now = time.perf_counter()
             self._waited += now - wait_start
             if now >= self._due:
-                self._attend(now)
+                self._handle_requests(now)
 
     def run(self, ms: float = math.inf) -> None:
         """Run the simulation until a network time, and keep at most a second of the recordings.
@@ -311,7 +315,7 @@ class Page:
         self.keep(f"value/{part}/{word}", {"part": part, "word": word, **shown_value(values)})
 
     def tell_state(self) -> None:
-        """Send the watched state, the silenced populations, and the speed of the run or that it is paused."""
+        """Send the watched state, the silenced populations, the speed of the run, and whether the run is paused."""
         pace = self.pace
         state: dict[str, Any] = {"watched": self.frames.watched or None, "silenced": self.commands.silenced}
         if pace is not None:
@@ -320,15 +324,15 @@ class Page:
 
     # --- between two pieces of the run
 
-    def _attend(self, now: float) -> None:
+    def _handle_requests(self, now: float) -> None:
         """Execute requests, and send a frame if a browser is waiting for one."""
         self._due = now + POLL_S
         if self.frames.went_back:
             self.begin()
         for head in self._channel.receive():
             if "want" in head:
-                self._wanted, self._seen_until = True, now + SEEN_S
-                self._unseen |= head["new"]
+                self._frame_wanted, self._seen_until = True, now + SEEN_S
+                self._has_new_browser |= head["new"]
                 if head["first"]:
                     self.frames.begin()
             else:
@@ -339,42 +343,42 @@ class Page:
             self._beside_due = now + BESIDE_S
             for job, result in self.helper.results():
                 self._show_result(job, result)
-        if self._wanted and self._channel.idle and (self._ahead or self._used() >= self._frame_due):
-            if self.sim.time != self.frames.time or (self._unseen and self._is_paused):
+        if self._frame_wanted and self._channel.idle and (self._ahead or self._run_time_s() >= self._frame_due):
+            if self.sim.time != self.frames.time or (self._has_new_browser and self._is_paused):
                 self._send_frame(now)
-            if self._used() >= self._slow_due:
-                self._seldom(now)
+            if self._run_time_s() >= self._slow_due:
+                self._send_slow_updates(now)
 
     @property
     def _is_paused(self) -> bool:
         return self.pace is not None and self.pace.paused
 
-    def _used(self) -> float:
+    def _run_time_s(self) -> float:
         """Return the time of the run in s: CPU time and waits, or wall time if the page does not control the speed."""
         return time.perf_counter() if self.pace is None else time.thread_time() + self._waited
 
     def _sample(self, now: float) -> None:
-        start, used = time.thread_time(), self._used()
+        start, used = time.thread_time(), self._run_time_s()
         self.frames.sample()
         self._sample_due = now + SAMPLE_S
         self._sample_used = used + (time.thread_time() - start) / SAMPLE_SHARE
 
     def _send_frame(self, now: float) -> None:
-        start, used = time.thread_time(), self._used()
+        start, used = time.thread_time(), self._run_time_s()
         head, body = self.frames.take()
-        measured_step, ms = self._measured
-        if now - measured_step > 0.5:
-            self._speed = (head["time"] - ms) * 1e-3 / (now - measured_step)
+        last_s, last_ms = self._measured
+        if now - last_s > 0.5:
+            self._speed = (head["time"] - last_ms) * 1e-3 / (now - last_s)
             self._measured = now, head["time"]
         self._channel.send(head | {"speed": round(self._speed, 4)}, body)
-        self._wanted, self._unseen, self._seen_until = False, False, now + SEEN_S
-        last_taken, self._taken = self._taken, time.thread_time() - start
+        self._frame_wanted, self._has_new_browser, self._seen_until = False, False, now + SEEN_S
+        previous_s, self._last_frame_s = self._last_frame_s, time.thread_time() - start
         self._due = now + FRAME_S
-        self._frame_due = used + 0.5 * (last_taken + self._taken) / SHARE
+        self._frame_due = used + 0.5 * (previous_s + self._last_frame_s) / SHARE
 
-    def _seldom(self, now: float) -> None:
+    def _send_slow_updates(self, now: float) -> None:
         """Send the slow updates, a few times a second: the weights of one projection, the energy, the figures."""
-        start, used = time.thread_time(), self._used()
+        start, used = time.thread_time(), self._run_time_s()
         if self._unread or self._learning:
             if self._unread:
                 index = self._unread.pop(0)

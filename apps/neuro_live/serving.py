@@ -35,6 +35,7 @@ LONGEST_MESSAGE = 4096
 """Largest message from a browser, bytes."""
 MESSAGES_PER_S = 60.0
 BURST = 120.0
+"""Number of messages that a browser may send at once, after a pause."""
 WAITING = 1 << 16
 """Bytes that may wait for the network's process; above, requests are answered by an error."""
 REPLIES, MOST_WAITING = 64, 64 << 20
@@ -139,10 +140,10 @@ class Server:
         """Serve until the network's process ends."""
         try:
             server = await serve(
-                self._meet,
+                self._accept_browser,
                 self._host,
                 self._port,
-                process_request=self._judge,
+                process_request=self._respond,
                 compression=None,
                 max_size=LONGEST_MESSAGE,
                 max_queue=4,
@@ -193,7 +194,7 @@ class Server:
 
     # to and from browsers
 
-    def _judge(self, connection: ServerConnection, request: Request) -> Response | None:
+    def _respond(self, connection: ServerConnection, request: Request) -> Response | None:
         """Return the requested file, an error, or None to accept a WebSocket."""
         if not self._is_here(request.headers):
             return _response(HTTPStatus.FORBIDDEN)
@@ -219,7 +220,7 @@ class Server:
         name, _, port = hosts[0].rpartition(":") if len(hosts) == 1 else ("", "", "")
         return port == str(self._port) and (name in ("localhost", self._host) or _is_address(name.strip("[]")))
 
-    async def _meet(self, connection: ServerConnection) -> None:
+    async def _accept_browser(self, connection: ServerConnection) -> None:
         if len(self._clients) >= MOST_CLIENTS:
             await connection.close(1013, "too many browsers")
             return
@@ -233,14 +234,14 @@ class Server:
                 if client.too_many():
                     await connection.close(1008, "too many messages")
                     return
-                self._take(number, client, message)
+                self._forward(number, client, message)
         except ConnectionClosed:
             pass
         finally:
             sending.cancel()
             del self._clients[number]
 
-    def _take(self, number: int, client: Client, message: str | bytes) -> None:
+    def _forward(self, number: int, client: Client, message: str | bytes) -> None:
         """Forward a request of a browser if it is a flat JSON object."""
         try:
             request = json.loads(message) if isinstance(message, str) else None

@@ -23,7 +23,7 @@ _NEVER = 1e20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AskedRecordings:
-    """Recordings of several places.
+    """Recordings from several files and folders.
 
     Attributes:
         samples: the recordings.
@@ -172,7 +172,7 @@ class Pixels:
             raise ModelError(f"--for = {readout.duration:g} ms: expected at least a step of {self._h:g} ms")
 
     def check(self, item: Sample | Events, name: str) -> None:
-        """Raise an error for a damaged recording, or one whose sensor does not fit the pixels."""
+        """Raise an error for a damaged recording, or for a recording whose sensor does not fit the pixels."""
         events = load(item)
         size, stated = (item.sensor_size, True) if isinstance(item, Events) else item.sensor()
         if self._readout.window is None and stated:

@@ -27,7 +27,9 @@ SILENT = -1
 
 
 def by_counts(times: Floats, ids: Ints, neurons: int, payloads: Ints | None = None) -> tuple[int, Floats]:
-    """Return the neuron with most spikes, and the spikes of each neuron; of a graded output the sums of payloads.
+    """Return the neuron with most spikes, and the number of spikes of each neuron.
+
+    For a graded output, sums of payloads replace the numbers of spikes.
 
     Args:
         times: times of the spikes, ms.

@@ -164,7 +164,7 @@ def ask(
     """
     true_classes = None if labels is None else _numbers(labels, readout, len(recordings))
     sim, probe = _compiled(net, readout, backend, seed)
-    pixels, path_steps, h = Pixels(net, readout), _way(sim.program, readout), net.resolution
+    pixels, path_steps, h = Pixels(net, readout), _path_steps(sim.program, readout), net.resolution
     total, neurons = len(recordings), len(readout.classes)
     decided, spikes, scores = np.zeros(total, np.int64), np.zeros(total, np.int64), np.zeros((total, neurons))
     showing, shown_recordings = Showing(sim, readout.input, readout.output), list[ShownRecording]()
@@ -215,8 +215,8 @@ def _check_threshold(output: Population, backend: str) -> None:
         raise ModelError(f"{message}: expected V_th near V_m", hint=hint)
 
 
-def _way(program: Program, readout: Readout) -> int:
-    """Return the steps until the last spike of the input has reached the output, on the shortest path.
+def _path_steps(program: Program, readout: Readout) -> int:
+    """Return the largest number of steps of a spike from the input to the output, on the fastest path.
 
     Raises:
         ModelError: there is no path.

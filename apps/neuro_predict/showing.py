@@ -92,10 +92,10 @@ class Showing:
         return times, ids, payloads
 
     def host(self, decide: str) -> tuple[HostWork, ...]:
-        """Return the operations outside of the network for all recordings: events to spikes, and the decision.
+        """Return the operations of the host for all recordings: the conversion of events to spikes, and the decision.
 
         Args:
-            decide: what decides, see `neuro_predict.decisions.decision_work`.
+            decide: rule of the decision, see `neuro_predict.decisions.decision_work`.
         """
         neurons = next(part.size for part in self.sim.program.populations if part.name == self._output)
         parts: dict[str, Works] = {f"pixels of {self._input}": {"event": PIXEL_SPIKE}}

@@ -23,7 +23,7 @@ NOTHING = "nothing"
 """Text in place of the class if there is no decision."""
 SCORES = {"counts": "spikes", "first": "first spike, ms", "potential": "mean V_m, mV"}
 BEST = 3
-"""Number of scores in a row."""
+"""Number of scores in a row of the table."""
 
 
 def show(predictions: Sequence[Predictions]) -> None:
@@ -120,10 +120,10 @@ def _plain(value: Any) -> Any:
 MOST = 24
 """Largest number of drawn recordings."""
 PANELS = 4
-"""Number of panels in a row."""
+"""Number of panels beside each other."""
 DECIDED, OTHER = "#0072B2", "0.6"
 NAMED = 20
-"""Largest number of classes whose names are at the axis."""
+"""Largest number of classes whose names are drawn at the axis."""
 
 
 def draw(predictions: Predictions) -> Figure:

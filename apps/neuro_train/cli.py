@@ -101,9 +101,10 @@ def train(
     net = neuro.load(file, params=apps.assignments(set))
     torch.set_num_threads(threads)
     if plan.loss == "mse":
-        classes: Any = {"folds": folds, "search": search, "without": without, "augment": augment, "window": plan.window}
-        classes |= {"for": plan.duration != 100.0, "start": plan.start, "scale": plan.scale > 1}
-        _follow(net, data, test, plan, classes, backends, out, html or out.with_suffix(".html"))
+        class_options: Any = {"folds": folds, "search": search, "without": without, "augment": augment}
+        class_options |= {"window": plan.window, "for": plan.duration != 100.0}
+        class_options |= {"start": plan.start, "scale": plan.scale > 1}
+        _train_on_targets(net, data, test, plan, class_options, backends, out, html or out.with_suffix(".html"))
         return
     if search is None:
         apps.Clock(net.resolution).step(plan.duration, "--for")
@@ -138,21 +139,21 @@ def train(
             _train(net, samples, unseen, plan, backends, out, page)
 
 
-def _follow(
+def _train_on_targets(
     net: neuro.Network,
     data: Path,
     test: Path | None,
     plan: TrainingPlan,
-    classes: Mapping[str, Any],
+    class_options: Mapping[str, Any],
     backends: list[str],
     out: Path,
     page: Path,
 ) -> None:
-    """Train on targets; `classes` are the options for classes, which are refused."""
+    """Train on targets. The options in `class_options` are for recordings with classes and are refused if set."""
     from neuro import ModelError
     from neuro_train.data import check_network, read
 
-    if refused := [name for name, value in classes.items() if value]:
+    if refused := [name for name, value in class_options.items() if value]:
         raise ModelError(f"--{refused[0]}: is for recordings with classes: leave it out with --loss mse")
     check_network(net, plan)
     samples, test_samples = read(data, net, plan), None if test is None else read(test, net, plan)
@@ -216,7 +217,7 @@ def _search(
     """Train networks that differ, and write the front of accuracy against joules."""
     from neuro import ModelError
     from neuro_train import telling
-    from neuro_train.search import check_optuna, search as ask, space
+    from neuro_train.search import check_optuna, search as run_search, space
 
     if test is not None:
         problem = "--search and --test: a search tests on recordings of --data that it holds out: expected one of them"
@@ -225,7 +226,7 @@ def _search(
     parameters = {**apps.plain(apps.read(inputs[0], "a network", "neuro: 1")).get("parameters", {}), **params}
     varied = space(text, net, plan, parameters)
     with apps.Bar() as bar:
-        places = ask(*inputs, plan, params, varied, budget, folds, folder, bar.say)
+        places = run_search(*inputs, plan, params, varied, budget, folds, folder, bar.say)
     files = telling.write_front(folder, places, plan.chip)
     telling.show_front(places, plan.chip)
     for written in files:

@@ -281,14 +281,15 @@ def r_squared(values: Array, targets: Array) -> float:
         targets: (..., neurons), NaN for no demand.
     """
     targets = np.asarray(targets, dtype=np.float64)
-    but = tuple(range(targets.ndim - 1))
-    has_targets = ~np.isnan(targets).all(axis=but)
+    sample_axes = tuple(range(targets.ndim - 1))
+    has_targets = ~np.isnan(targets).all(axis=sample_axes)
     values, targets = np.asarray(values)[..., has_targets], targets[..., has_targets]
-    varies = np.nanmin(targets, axis=but) < np.nanmax(targets, axis=but)
+    varies = np.nanmin(targets, axis=sample_axes) < np.nanmax(targets, axis=sample_axes)
     values, targets = values[..., varies], targets[..., varies]
     if not targets.size:
         return float("nan")
-    return float(np.mean(1.0 - np.nanmean((values - targets) ** 2, axis=but) / np.nanvar(targets, axis=but)))
+    errors = np.nanmean((values - targets) ** 2, axis=sample_axes)
+    return float(np.mean(1.0 - errors / np.nanvar(targets, axis=sample_axes)))
 
 
 def r_squared_text(value: float) -> str:

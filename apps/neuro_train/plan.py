@@ -33,7 +33,7 @@ class TrainingPlan(Settings):
             first pixel, as in "40,32"; None if the sensor is as large as the population.
         batch: number of recordings for each step of learning.
         rate: largest learning rate of the cycle, for weights of about 0.1 in their unit. The rate of
-            other weights is in proportion to their size. For delays and parameters of neurons it holds in their unit.
+            other weights is in proportion to their size. Delays and parameters of neurons have this rate in their unit.
         decay: in each step a weight loses the share `decay` times the rate. Only weights decay.
         loss: name of a loss in `LOSSES`; "mse" compares the output's potentials with targets, the others use labels.
         temperature: lead in spikes, mV or steps that makes a class e (2.72) times as likely.
@@ -42,7 +42,7 @@ class TrainingPlan(Settings):
         warp: largest random rotation in rad, and largest relative change of size and shear.
         mirror: share of the recordings, drawn at random, that are mirrored, left to right.
         cost: increase of the loss for each microjoule that a recording takes on a chip, by name of the chip.
-        bits: number of bits of the weights during the training, on the grid of `chip`; None does not round.
+        bits: number of bits of the weights during the training, on the grid of `chip`; None for no rounding.
         on: chip whose grid the weights use; by default the first of `cost`, or Loihi.
         prune: share of the synapses that is removed after half of the epochs, the smallest weights first.
         neurons_per_core: number of neurons on a core, below the chip's limit, so that the busiest core has less work.

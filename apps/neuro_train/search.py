@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 FOLD_RESULTS = JobResults("a result of 'neuro train --folds'", "neuro train fold 1")
 
 Fold = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
+"""Indices of the recordings to learn from, and of the recordings to test on."""
 
 
 def cross_validate(
@@ -61,8 +62,8 @@ def cross_validate(
         report: called with the activity, the finished and the total number of its units.
 
     Returns:
-        For each fold, `n`, `right` by backend, `equal` decisions by backend, overflows and joules by chip, `room` in
-        registers, and seconds of one core.
+        For each fold, `n`, `right` by backend, the share of `equal` decisions by backend, overflows and joules by chip,
+        `room` in registers, and seconds of one core.
     """
 
     def run_fold(k: int, parts: Fold) -> dict[str, Any]:
@@ -142,7 +143,9 @@ def space(text: str, net: neuro.Network, plan: TrainingPlan, parameters: Mapping
         message = "--search step: the network's file has no parameter 'resolution'"
         raise ModelError(f"{message}: expected one, as 'neuro train dense' has")
     steps = choices.get("step") or [net.resolution * k for k in STEPS] if "step" in choices else [net.resolution]
-    point_space: Space = {name: values or _usual(name, steps, plan, parameters) for name, values in choices.items()}
+    point_space: Space = {
+        name: values or _default_values(name, steps, plan, parameters) for name, values in choices.items()
+    }
     for duration in point_space.get("for", [plan.duration]):
         for step in steps:
             if abs(duration / step - round(duration / step)) > 1e-9:
@@ -170,7 +173,7 @@ def _number(name: str, text: str) -> float | int:
         raise ModelError(f"--search {name}={text}: expected numbers with ':' between them", hint=EXAMPLE) from None
 
 
-def _usual(name: str, steps: list[Any], plan: TrainingPlan, parameters: Mapping[str, Any]) -> list[Any]:
+def _default_values(name: str, steps: list[Any], plan: TrainingPlan, parameters: Mapping[str, Any]) -> list[Any]:
     """Return the default values of a searched parameter."""
     if name == "step":
         return steps
@@ -293,7 +296,7 @@ def point(
         plan: see `search`, as JSON.
         params: see `search`, as JSON.
         recordings: hash of the recordings, so that a search does not resume with other recordings.
-        network: hash of the network with `params`, likewise.
+        network: hash of the network with `params`, for the same purpose.
         fold: index of the part that judges the network; None trains on all parts and tests on the held-out one.
         folds: number of parts without the held-out one.
         varied: values by name.
@@ -335,7 +338,7 @@ def point(
 
 
 def divided(recordings: Recordings, seed: int, fold: int | None, folds: int) -> tuple[Ints, Ints]:
-    """Return the indices of the recordings for training and of those for the test."""
+    """Return the indices of the recordings for training, and of the recordings for the test."""
     parts = [tested for _, tested in recordings.folds(folds + 1, seed=seed)]
     held_out = parts.pop()
     if fold is None:

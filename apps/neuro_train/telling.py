@@ -32,8 +32,8 @@ SHARE = "right", "R2"
 BILLS = ("runs on", *COLUMNS)
 JOULES = (
     "Joules and chip time are means over recordings: counts times published figures, with the range of the figures in "
-    "brackets. The chip is on while it works, or, in real time, as long as the recording lasts. The bill does not "
-    "include the host that sends the events."
+    "brackets. The chip is on while it works, or, in real time, as long as the recording lasts. The bill "
+    "includes the operations of the host, but neither the bytes that it moves nor its idle power."
 )
 ABOUT = (
     "Accuracy is measured on the test recordings, with Wilson's interval; silence is wrong. Equal decisions and equal "
@@ -303,9 +303,9 @@ def draw(places: Sequence[FrontPlace], chip: str) -> Figure:
     axis.spines[["top", "right"]].set_visible(False)
     front = [place for place in places if place.tested]
     untested = [place for place in places if not place.tested]
-    axis.plot(*_at(untested), "o", color=GREY, markersize=4, label="judged in the search")
-    axis.step(*_at(front), where="post", color=GREY, linewidth=1.0)
-    axis.plot(*_at(front), "o", color="0.3", markersize=5, label="no other beats these")
+    axis.plot(*_coordinates(untested), "o", color=GREY, markersize=4, label="judged in the search")
+    axis.step(*_coordinates(front), where="post", color=GREY, linewidth=1.0)
+    axis.plot(*_coordinates(front), "o", color="0.3", markersize=5, label="no other beats these")
     tests = [place.tested for place in front if place.tested]
     held_out = [_held_out(tested) for tested in tests]
     percent = [100.0 * share for share, _ in held_out]
@@ -342,5 +342,5 @@ def logarithmic(axis: Axes) -> None:
     axis.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _at(places: Sequence[FrontPlace]) -> tuple[list[float], list[float]]:
+def _coordinates(places: Sequence[FrontPlace]) -> tuple[list[float], list[float]]:
     return [place.microjoules for place in places], [100.0 * place.accuracy for place in places]

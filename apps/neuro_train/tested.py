@@ -55,7 +55,7 @@ def chip_of(target: str) -> Chip | None:
 
 
 def rooms(net: neuro.Network, target: str, samples: BatchData, plan: TrainingPlan) -> list[MemoryRoom]:
-    """Return the room in a chip's registers, with scales that leave some.
+    """Return the room in a chip's registers, at scales that leave some room.
 
     By default the scale is the finest that the threshold allows, but then the sum of all synapses may overflow. Here
     the scale is halved until the largest sum of the learnt recordings fits `MARGIN` times, or a weight would lose a
@@ -94,9 +94,9 @@ def rooms(net: neuro.Network, target: str, samples: BatchData, plan: TrainingPla
     for k, cells in enumerate(fixed.populations):
         if cells.name in shares:
             parts = zip(module.program.projections, fixed.projections, strict=True)
-            spare = min(wires.exponent for part, wires in parts if part.target == k and wires is not None)
+            spare_bits = min(wires.exponent for part, wires in parts if part.target == k and wires is not None)
             halvings = math.ceil(math.log2(max(MARGIN * shares[cells.name], 1.0)))
-            ratio = 2.0 ** max(0, min(halvings, spare))
+            ratio = 2.0 ** max(0, min(halvings, spare_bits))
             table.append(MemoryRoom(target, cells.name, shares[cells.name] / ratio, cells.volt / ratio, ratio > 1.0))
     return table
 
@@ -139,11 +139,11 @@ class TestedNetwork:
         decided: class of each recording, -1 for silence.
         labels: true classes, or targets.
         classes: names of the classes.
-        first_ms: mean time of the output's first spike, over the recordings with one.
+        first_ms: mean time of the output's first spike in ms, over the recordings with output spikes.
         bill: bill of a recording, for a chip with costs.
         overflows: number of recordings with overflows, by register.
         mean_spikes: mean spikes or messages of a recording, by population; empty for "torch".
-        V_m: potentials of the output with targets, mV, (recordings, steps, neurons).
+        V_m: (recordings, steps, neurons) potentials of the output, mV; None without targets.
     """
 
     backend: str
@@ -191,7 +191,7 @@ def by_module(module: neuro_torch.Module, samples: BatchData, plan: TrainingPlan
             parts.append(activity.spikes[plan.output].cpu())
             if plan.loss == "mse":
                 potentials.append(activity.V_m[plan.output].cpu())
-    result = _tested("torch", torch.cat(parts), samples, module.program.resolution)
+    result = _test_results("torch", torch.cat(parts), samples, module.program.resolution)
     return replace(result, V_m=torch.cat(potentials).numpy()) if potentials else result
 
 
@@ -210,7 +210,7 @@ def on_backend(
         backend: name of the backend; a chip also gives a bill.
         samples: the recordings.
         plan: settings of the training.
-        report: called with the activity, the number of tested recordings and of all.
+        report: called with the activity, the number of tested recordings, and the number of all.
         room: room in the chip's registers, whose scales are used.
 
     Raises:
@@ -241,10 +241,11 @@ def on_backend(
     counts = zip(sim.program.populations, events_of, strict=False)
     mean_spikes = {part.name: float(events.sum()) / len(samples) for part, events in counts}
     V_m = np.stack(potentials) if potentials else None
-    return replace(_tested(backend, spikes, samples, h, bill, showing.overflows), mean_spikes=mean_spikes, V_m=V_m)
+    results = _test_results(backend, spikes, samples, h, bill, showing.overflows)
+    return replace(results, mean_spikes=mean_spikes, V_m=V_m)
 
 
-def _tested(
+def _test_results(
     backend: str,
     spikes: torch.Tensor,
     samples: BatchData,
@@ -280,9 +281,9 @@ def train_and_test(
         unseen: recordings to test on; None for no test.
         plan: settings of the training.
         backends: backends to test on.
-        chips: chips whose room in registers is measured; other backends have none.
+        chips: chips whose room in registers is measured; other backends have no registers.
         checkpoint: checkpoint of the training; the caller removes it after writing all results.
-        tell: called with the number of finished epochs, and the figures of the last.
+        tell: called with the number of finished epochs, and the figures of the last epoch.
         report: called with the number of tested recordings.
     """
     trained = learn(net, samples, plan, checkpoint, tell)

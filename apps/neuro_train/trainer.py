@@ -39,7 +39,7 @@ WAYS = {
 """Hints for the settings that a checkpoint stores as a hash only, if the hash differs."""
 
 PATIENCE = 10
-"""Epochs in which no output neuron fires, after which a training warns."""
+"""Number of successive epochs without output spikes after which a training warns."""
 
 CURVES = ("loss", "right", "joules", "rate")
 """Figures of each epoch: mean loss, share of right decisions, joules of a recording, learning rate.
@@ -56,7 +56,7 @@ class Trained:
         net: the trained network.
         module: the trained module.
         curves: a value for each epoch, by name of `CURVES`.
-        cpu_s: processor seconds, those before a kill included.
+        cpu_s: processor seconds, including those before a kill.
         rates: largest learning rate of the weights by projection, in their unit.
     """
 
@@ -147,7 +147,7 @@ def learn(
         samples: recordings to learn from.
         plan: the settings of the training.
         checkpoint: checkpoint of the training; by default none.
-        report: called with the number of finished epochs, and the figures of the last.
+        report: called with the number of finished epochs, and the figures of the last epoch.
 
     Raises:
         ModelError: the network cannot be trained with these settings, the loss does not fit the targets, the loss or a
@@ -158,7 +158,7 @@ def learn(
     if arrays:
         training.restore(arrays)
         report(training.done, training.last())
-    written = time.monotonic()
+    saved_at = time.monotonic()
     while training.done < plan.epochs:
         state_before = training.state()
         try:
@@ -169,9 +169,9 @@ def learn(
             raise
         training.warn_of_silence()
         report(training.done, training.last())
-        if checkpoint is not None and time.monotonic() - written > KEEP_S:
+        if checkpoint is not None and time.monotonic() - saved_at > KEEP_S:
             checkpoint.keep(**training.state())
-            written = time.monotonic()
+            saved_at = time.monotonic()
     return training.trained()
 
 
@@ -185,19 +185,20 @@ class _Training:
         self._curves: dict[str, list[float]] = {name: [] for name in CURVES}
         self._labels, self._batches = torch.from_numpy(samples.labels), math.ceil(len(samples) / plan.batch)
         self._variance = _variance(samples, plan)
-        self._silent_epochs, self._has_warned = 0, plan.loss not in ("count", "first_spike")  # others need no spike
+        self._silent_epochs = 0
+        self._has_warned = plan.loss not in ("count", "first_spike")  # other losses need no spikes
         module = module_of(net, plan)
         self._sizes = sizes(module)
-        self._take(module)
+        self._use_module(module)
 
-    def _take(self, module: neuro_torch.Module) -> None:
+    def _use_module(self, module: neuro_torch.Module) -> None:
         """Replace the module, and make its bills and the optimiser."""
         plan = self._plan
         self._module = module if plan.bits is None else neuro_torch.quantised(module, plan.bits, plan.chip)
         self._bills = {
             chip: neuro_torch.Bill(self._module, chip, neurons_per_core=plan.neurons_per_core) for chip in plan.cost
         }
-        # If weights are `size` times as large, their gradients are as much smaller, so steps must be as much larger.
+        # Weights that are `size` times as large have gradients `size` times as small, so their steps must be larger.
         weights: dict[float, list[Tensor]] = {}
         for name, weight in self._module.weights.tensors().items():
             weights.setdefault(self._sizes[name], []).append(weight)
@@ -242,7 +243,7 @@ class _Training:
         events = self._samples.events[chosen.tolist()]
         if plan.shift or plan.warp or plan.mirror:
             events = moved(events, plan.input, self._samples.shape, plan.shift, plan.warp, rng, plan.mirror)
-        # one cycle: up in the first three tenths, then down to nothing, along cosines (Smith, arXiv:1803.09820)
+        # the rate rises in the first three tenths, then falls to nothing, along cosines (Smith, arXiv:1803.09820)
         share, top = (self.done * self._batches + k) / max(1, plan.epochs * self._batches), 0.3
         phase = share / top if share < top else (share - top) / (1.0 - top)
         low, high = (0.04, 1.0) if share < top else (1.0, 1e-5)
@@ -306,9 +307,9 @@ class _Training:
         warnings.warn(message, neuro.ModelWarning, stacklevel=3)
 
     def _prune(self, stay: Mapping[str, Array] | None = None) -> None:
-        """Remove the smallest weights, or all weights outside some masks, and make a new optimiser for the others."""
+        """Remove the smallest weights, or all weights outside the masks `stay`. The rest gets a new optimiser."""
         self._remaining = dict(stay) if stay else neuro_torch.largest(self._module, 1.0 - self._plan.prune)
-        self._take(neuro_torch.prune(self._module, stay=self._remaining))
+        self._use_module(neuro_torch.prune(self._module, stay=self._remaining))
 
     def last(self) -> dict[str, float]:
         """Return the figures of the last epoch."""
@@ -360,7 +361,7 @@ class _Training:
 
 
 def why_silent(net: neuro.Network, samples: BatchData, plan: TrainingPlan) -> str:
-    """Return the doctor's reason for a silent output, with the recording of most spikes; "" without one."""
+    """Return the doctor's reason for a silent output in the recording with most spikes; "" if it finds no reason."""
     train = samples.events.trains[plan.input]
     fullest = train.of([int(np.argmax(np.diff(train.ends)))])
     times = (fullest.step + 1.0) * net.resolution

@@ -173,6 +173,7 @@ class NestEngine:
             )
 
     def _check_moment(self, synapses: NestProjection, subject: str) -> None:
+        """Raise an error unless NEST updates the synapses at the present step."""
         interval = self.net.grid(synapses)
         if self.step % interval:
             ms = self.net.clock.ms

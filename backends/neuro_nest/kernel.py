@@ -69,9 +69,9 @@ def lend(holder: Any, name: str) -> Any:
             built without MPI and mpirun started several processes.
     """
     global _holder
-    if _alive(holder):
+    if _other_owner(holder):
         gc.collect()
-    owner = _alive(holder)
+    owner = _other_owner(holder)
     if owner is not None:
         raise ModelError(
             f"backend 'nest' cannot run '{name}' beside '{owner.program.name}': a process has one NEST",
@@ -104,7 +104,8 @@ def set_nodes(nest: Any, nodes: Any, values: list[dict[str, Any]]) -> None:
     nest.ll_api.nestkernel.llapi_set_nc_status(nodes._datum, values)
 
 
-def _alive(holder: Any) -> Any:
+def _other_owner(holder: Any) -> Any:
+    """Return the owner of the kernel if it exists and is not `holder`, else None."""
     owner = _holder()
     return None if owner is holder else owner
 
@@ -148,6 +149,7 @@ BUILD = (
     "nest-simulator mpi4py"
 )
 PATIENCE_S = 1.0
+"""Time in s that the other processes give the first process to print a message."""
 
 
 class Rank(Share):
@@ -193,7 +195,7 @@ def check_mpi(with_mpi: bool) -> None:
 def end_all(message: str) -> NoReturn:
     """End all processes with one message. If a process ended alone, the other processes would wait for ever.
 
-    If all fail in the same way, the first prints the message, and the other processes give it time to do so.
+    If all processes fail in the same way, the first prints the message, and the other processes wait for `PATIENCE_S`.
     """
     if not leads():
         time.sleep(PATIENCE_S)

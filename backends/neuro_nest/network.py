@@ -1,4 +1,4 @@
-"""All parts of a program in NEST, a stretch of steps, and the recorded spikes."""
+"""A program in NEST: nodes and synapses, the run by stretches of steps, and the recorded spikes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class NestNetwork:
         threads: number of NEST's threads.
         parameters: parameters of each population.
         weights: weights of each projection.
-        rules: numbers of the synapse model of each projection.
+        rules: parameters of the synapse model of each projection.
     """
 
     def __init__(
@@ -93,16 +93,14 @@ class NestNetwork:
         }
         self.currents = Currents(program)
         self.noise = {
-            k: Noise(program, k, self.currents)
-            for k, projection in enumerate(program.populations)
-            if is_noise(projection)
+            k: Noise(program, k, self.currents) for k, part in enumerate(program.populations) if is_noise(part)
         }
         for index in self.noise:
             self.set_noise(index, parameters[index])
-        self.records = [NestRecord(projection.size, projection.records) for projection in program.populations]
+        self.records = [NestRecord(part.size, part.records) for part in program.populations]
         with_synapses = [w for w in self.synapses if isinstance(w, NestProjection)]
         self.activity = Activity(program, [w for w in with_synapses if w.part.carries != "current"])
-        self._stretch = max(1, min(LONGEST, NEURON_STEPS // sum(projection.size for projection in program.populations)))
+        self._stretch = max(1, min(LONGEST, NEURON_STEPS // sum(part.size for part in program.populations)))
 
     def run(self, steps: int) -> None:
         """Advance by some steps."""
@@ -230,7 +228,7 @@ class NestPopulation:
         parameters: values by name, shape (1,) or (size,).
         clock: clock of the network.
         share: the share of the neurons that this process has.
-        number: number of nodes, if it is not the number of neurons.
+        number: number of nodes; None for one node per neuron.
         devices: whether a generator also has devices, which send along static synapses.
         n_workers: number of processes or threads, each of which has neighbouring neurons.
 
@@ -349,8 +347,8 @@ class NestPopulation:
         nest_values = {name: self._in_nest_units(name, array) for name, array in values.items() if name not in LACKING}
         per_node = {name: array for name, array in nest_values.items() if len(array) > 1}
         shared = {name: array[0] for name, array in nest_values.items() if name not in per_node}
-        turn = self.nodes_of.in_turn(self.part.size) if per_node else ()
-        neurons = [shared | {name: per_node[name][i] for name in per_node} for i in turn] or [shared]
+        node_order = self.nodes_of.in_turn(self.part.size) if per_node else ()
+        neurons = [shared | {name: per_node[name][i] for name in per_node} for i in node_order] or [shared]
         with nest_errors(f"population '{self.part.name}'"):
             set_nodes(self._nest, self.nodes, neurons)
 
@@ -361,11 +359,12 @@ class NestPopulation:
             return [LARGE_TAU if np.isinf(v) else v for v in values.tolist()]
         if name == "t_ref":
             return [self._clock.ms(round(v / self._clock.resolution)) for v in values.tolist()]
-        plain: list[Any] = values.tolist()
-        return plain
+        numbers: list[Any] = values.tolist()
+        return numbers
 
 
 SYNAPSES_AT_ONCE = 1 << 20
+"""Approximate number of synapses for which arrivals are computed at a time."""
 
 
 class NestRecord:
@@ -411,9 +410,9 @@ class NestRecord:
 
     def forget(self, before: int) -> None:
         """Drop spikes up to a step."""
-        stretches = self.since(before)
-        train = InjectedTrain(stretches.steps, stretches.ids, stretches.multiplicity.astype(np.int64))
-        self._stretches = [train] if train.ids.size else []
+        spikes = self.since(before)
+        remaining = InjectedTrain(spikes.steps, spikes.ids, spikes.multiplicity.astype(np.int64))
+        self._stretches = [remaining] if remaining.ids.size else []
 
     @property
     def nbytes(self) -> int:
@@ -431,14 +430,14 @@ class Activity:
 
     def __init__(self, program: Program, synapses: list[NestProjection]) -> None:
         self._synapses, self._share = synapses, program.share
-        self._reach = max((w.part.delay_span[1] for w in synapses if w.part.size), default=0)
-        self._heard = [np.zeros((self._reach, p.size), dtype=bool) for p in program.populations]
+        self._longest_delay = max((w.part.delay_span[1] for w in synapses if w.part.size), default=0)
+        self._pending = [np.zeros((self._longest_delay, p.size), dtype=bool) for p in program.populations]
         self.active: Ints = np.zeros(len(program.populations), dtype=np.int64)
 
     def add(self, trains: list[InjectedTrain], after: int, to: int) -> None:
-        """Count the steps after < k <= to, from the spikes of all populations."""
+        """Count the neuron steps of the steps k with after < k <= to, from the spikes of all populations."""
         steps = to - after
-        arrivals = [np.concatenate((h, np.zeros((steps, h.shape[1]), dtype=bool))) for h in self._heard]
+        arrivals = [np.concatenate((h, np.zeros((steps, h.shape[1]), dtype=bool))) for h in self._pending]
         for synapses in self._synapses:
             spikes = trains[synapses.part.source]
             rows_per_call = max(1, SYNAPSES_AT_ONCE // synapses.longest_row)
@@ -450,4 +449,4 @@ class Activity:
             receives[spikes.steps - after - 1, spikes.ids] = True
             first, end = self._share.of(receives.shape[1])
             self.active[index] += np.count_nonzero(receives[:steps, first:end])
-            self._heard[index] = receives[steps:]
+            self._pending[index] = receives[steps:]

@@ -80,9 +80,9 @@ def layers(source: Ints, target: Ints) -> Ints:
     """
     order = np.lexsort((target, source))
     pre, post = source[order], target[order]
-    fresh = np.ones(len(pre), dtype=bool)
-    fresh[1:] = (pre[1:] != pre[:-1]) | (post[1:] != post[:-1])
-    starts = np.flatnonzero(fresh)
+    is_new_pair = np.ones(len(pre), dtype=bool)
+    is_new_pair[1:] = (pre[1:] != pre[:-1]) | (post[1:] != post[:-1])
+    starts = np.flatnonzero(is_new_pair)
     numbers = np.empty(len(pre), dtype=np.int64)
     numbers[order] = np.arange(len(pre)) - np.repeat(starts, np.diff(np.append(starts, len(pre))))
     return numbers
@@ -94,24 +94,25 @@ class NestProjection:
     Args:
         program: the network.
         index: index of the projection.
-        weights: all weights in the order of the program; if the program has a share, those of the share.
+        weights: all weights in the order of the program. If the program has only a share of the synapses, the weights
+            of this share.
 
     Attributes:
-        source, target, delay: source, target and delay of every synapse, sorted by source.
+        source, target, delay: source, target and delay (in steps) of every synapse, sorted by source.
         slot: index of each synapse's weight.
         row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
-        weights: the present weights of a static projection, or the initial ones of a plastic projection.
+        weights: the present weights of a static projection, or the initial weights of a plastic projection.
     """
 
     def __init__(self, program: Program, index: int, weights: Floats) -> None:
         self.part, self.index, self.weights = program.projections[index], index, weights
         n_source, self.n_target = (program.populations[i].size for i in (self.part.source, self.part.target))
-        cut = self.part.share.number > 1
+        has_share = self.part.share.number > 1
         source, target, slot = program.own_synapses(index)
         self.delay = np.broadcast_to(self.part.delay, len(source))
         # If the program has all synapses, this process only has the synapses onto its own neurons.
         self._own: Ints | None = None
-        if program.share.number > 1 and not cut:
+        if program.share.number > 1 and not has_share:
             begin, end = program.share.of(self.n_target)
             self._own = np.flatnonzero((target >= begin) & (target < end))
         noise_node = first_node(program, index)
@@ -130,8 +131,8 @@ class NestProjection:
             self._receptor["receptor_type"] = RECEPTORS_OF_CURRENTS[model, self.part.receptor.name]
         self.longest_row = max(1, int(np.diff(self.row_ends).max(initial=0)))
         self._layer = layers(source, target).astype(np.int32)
-        if self._depth > MAX_LABELS:
-            message = f"projection '{self.part.name}': {self._depth:,} synapses between two neurons"
+        if self._n_layers > MAX_LABELS:
+            message = f"projection '{self.part.name}': {self._n_layers:,} synapses between two neurons"
             raise ModelError(f"{message}: backend 'nest' expects at most {MAX_LABELS:,}")
         self._states: dict[str, Floats] = {}
         self._listed: dict[int, Ints] = {}
@@ -203,17 +204,17 @@ class NestProjection:
         return self.index * MAX_LABELS + layer
 
     def per_synapse(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the value of every synapse of this process, from a value for all or for each weight of the program."""
+        """Return the value of every synapse of this process, from a single value, or from a value per weight."""
         if len(values) == 1:
             return np.broadcast_to(values, (len(self.source), *values.shape[1:]))
         return values[self.slot]
 
     def own_values(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the values of the program's synapses, from those of all synapses of the projection."""
+        """Return the values of the program's synapses, from the values of all synapses of the projection."""
         return self._program.own(self.index, values)
 
     def all_values(self, values: Floats) -> Floats:
-        """Return the values of all synapses of the projection, from those of this process."""
+        """Return the values of all synapses of the projection, from the values of this process."""
         if self._own is None:
             return self._program.joined(self.index, values)
         share = self._program.share
@@ -227,7 +228,7 @@ class NestProjection:
         if not self._states:
             names = (*STATES[self.part.synapse.name], "source", "target")
             self._states = {name: np.zeros(len(self.source)) for name in names}
-            for layer in range(self._depth):
+            for layer in range(self._n_layers):
                 connections = self._connections(nest, layer)
                 answers = connections.get(list(names)) if len(connections) else dict.fromkeys(names, ())
                 values = {name: np.atleast_1d(np.array(answers[name], dtype=np.float64)) for name in names}
@@ -240,7 +241,7 @@ class NestProjection:
         """Set a state of every synapse of this process."""
         self.invalidate()
         shared = bool((values == values[:1]).all())
-        for layer in range(self._depth):
+        for layer in range(self._n_layers):
             connections = self._connections(nest, layer)
             if len(connections) and shared:
                 connections.set({name: float(values[0])})
@@ -269,7 +270,7 @@ class NestProjection:
         return self._listed[layer]
 
     @property
-    def _depth(self) -> int:
+    def _n_layers(self) -> int:
         return int(self._layer.max(initial=-1)) + 1
 
     def _connections(self, nest: Any, layer: int) -> Any:
@@ -298,7 +299,7 @@ class RuleProjection:
         program: the network.
         index: index of the projection.
         weights: the smallest and the largest weight that may be drawn.
-        before: number of synapses that NEST draws for earlier projections.
+        n_before: number of synapses that NEST draws for earlier projections.
     """
 
     def __init__(self, program: Program, index: int, weights: Floats, n_before: int) -> None:

@@ -24,7 +24,10 @@ NONE: Ints = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InjectedTrain:
-    """Spikes sorted by step, then neuron. A multiplicity above 1 is several spikes of a neuron in the same step."""
+    """Spikes sorted by step, then neuron, as arrays of shape (spikes,).
+
+    A multiplicity above 1 stands for several spikes of a neuron in the same step.
+    """
 
     steps: Ints
     ids: Ints
@@ -56,7 +59,7 @@ class TrainSource:
             self._states[row] = part.initial[state.name]
 
     def emit(self, after: int, to: int) -> InjectedTrain:
-        """Return the spikes of the steps after < k <= to."""
+        """Return the spikes of the steps k with after < k <= to."""
         first, last = max(after, self.part.start), min(to, self.part.stop)
         if self.part.kind == "generator":
             return self._run_generator(first, last)
@@ -94,7 +97,7 @@ class TrainSource:
         return _joined(pieces)
 
     def _run_generator(self, after: int, to: int) -> InjectedTrain:
-        """Return the spikes of a third-party generator in the steps after < k <= to."""
+        """Return the spikes of a third-party generator in the steps k with after < k <= to."""
         model, size = self.part.model, self.part.size
         assert isinstance(model, Generator)
         emit = _compiled(model.arithmetic.emit)
@@ -169,7 +172,7 @@ class Noise:
         self._emissions = [Emission(program, q) for q in outgoing]
 
     def emit(self, nest: Any, nodes: Any, after: int, to: int) -> None:
-        """Pass the currents of the steps after < k <= to to NEST."""
+        """Pass to NEST the currents of the steps k with after < k <= to."""
         if not self._emissions:
             return
         steps = np.arange(after + 1, to + 1)

@@ -33,7 +33,7 @@ NODES = {
 """NEST's name of each of our models. An injector is a node like a neuron, so it may have plastic synapses."""
 
 DEVICE = "spike_generator"
-"""NEST model that sends along static synapses, beside an injector: a device sends with the weights at emission."""
+"""NEST model of the devices beside injectors, for static synapses: a device sends with the weights at emission."""
 
 RECEPTORS_OF_CURRENTS = {("iaf_psc_exp", "ex"): 1}
 """NEST's number of each receptor that accepts a current, by model and our name of the receptor."""
@@ -66,7 +66,7 @@ SHARED = frozenset({"stdp_pl_hom"})
 """Rules whose parameters NEST stores in the synapse model, not in synapses. Each projection has a copy of the model."""
 
 FIXED_TRUE = frozenset({"pre_at_start"})
-"""Boolean parameters of rules that NEST lacks and behaves as if they were true."""
+"""Boolean parameters of rules that NEST lacks. NEST behaves as if these parameters were true."""
 
 OF_TARGET = frozenset({"tau_minus_triplet"})
 """Parameters of rules that NEST stores in the postsynaptic neuron."""

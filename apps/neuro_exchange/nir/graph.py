@@ -141,7 +141,7 @@ def package(what: str) -> Any:
 
 
 def shorten(depths: list[float], edges: Sequence[tuple[int, int, int]]) -> None:
-    """Lower depths until no target is deeper than its source plus the steps of their edge (Bellman and Ford).
+    """Lower depths until no target is deeper than a source plus the steps of the edge (Bellman and Ford).
 
     Args:
         depths: depths of the nodes in steps, changed in place.
@@ -358,7 +358,7 @@ def _groups(node: Node) -> int:
 def map_of(node: Node, source: Shape) -> Map:
     """Return the linear map of a node without its bias, for an input of the shape `source`.
 
-    A node without weights, such as Flatten, has the identity as its map.
+    The map of a node without weights, such as Flatten, is the identity.
 
     Raises:
         ModelError: a field does not fit the shape.

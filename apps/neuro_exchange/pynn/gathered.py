@@ -535,7 +535,7 @@ def _kind(bundle: Synapses) -> str:
 
 
 def _rule(bundle: Synapses) -> Rule:
-    """Return `one_to_one` or `all_to_all` if it makes exactly these synapses, else `pairs`."""
+    """Return `one_to_one` or `all_to_all` if the rule makes exactly the synapses of the bundle, else `pairs`."""
     source, target, count = bundle.source.size, bundle.target.size, bundle.pre.size
     ascending = np.arange(count)
     if source == target == count and np.array_equal(bundle.pre, bundle.post) and np.array_equal(bundle.pre, ascending):

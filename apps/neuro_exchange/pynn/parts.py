@@ -16,7 +16,7 @@ from neuro_exchange.pynn.standard import PLACEHOLDER, SYNAPSES, present
 
 
 class Recorder(recording.Recorder):
-    """PyNN's recorder. The data that it returns have no spikes, and all states keep their initial values."""
+    """PyNN's recorder, with results in which no neuron spikes and all states keep their initial values."""
 
     _simulator = SIMULATOR
 
@@ -312,7 +312,7 @@ class Projection(common.Projection):
 
     @property
     def connections(self) -> Iterable[Connection]:
-        """The synapses one by one."""
+        """Iterator of the single synapses."""
         return (Connection(self, k) for k in range(len(self)))
 
     def _set_attributes(self, parameter_space: Any) -> None:

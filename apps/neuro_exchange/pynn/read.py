@@ -47,8 +47,8 @@ def from_pynn(
     """Return the network that a script of PyNN builds, for any simulator.
 
     The script runs in its own process, in which each simulator of PyNN is a recorder: nothing is simulated, and results
-    that the script reads are empty. The script may read files, and write into a temporary folder. It may not start
-    programs, use the network or write elsewhere. Random connections, parameters and initial values are those that the
+    that the script reads are empty. The script may read files, and write into a temporary folder. The script may not
+    start programs, use the network or write elsewhere. Random connections, parameters and initial values are those that the
     script draws.
 
     Args:
@@ -234,7 +234,7 @@ def _run(job: dict[str, Any], folder: Path) -> Report:
 
 
 def _end(process: subprocess.Popen[bytes], mark: str) -> None:
-    """End the process and all its descendants, also those that left its process group."""
+    """End the process and all descendants, also processes that left the process group."""
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
@@ -246,7 +246,7 @@ def _end(process: subprocess.Popen[bytes], mark: str) -> None:
 
 
 def _report_of_exit(code: int, output: BinaryIO, seconds: float) -> Report:
-    """Return the report of a process that ended without writing one, from its exit code and its printed text."""
+    """Return the report of a process that wrote no report, from the exit code and the printed text."""
     if code == -signal.SIGXCPU:
         return _failed(f"exceeds the limit of {seconds:g} s", "time")
     names = {s.value: s.name for s in signal.Signals}

@@ -213,7 +213,7 @@ def end(compatible_output: bool = True) -> None:
 
 
 def _is_endless(time: Any) -> bool:
-    """Return whether a run has no end. Such a run is noted, and only its network is converted."""
+    """Return whether a run has no end. Of an endless run only the network is converted, and a note is added."""
     if time is not None and np.isfinite(time):
         return False
     SESSION.capture()

@@ -115,7 +115,7 @@ class STDPMechanism(Delayed, synapses.STDPMechanism):
 
 
 class _Source:
-    """Base class of current sources. A source stores its parameters and the neurons that receive its current."""
+    """Base class of current sources. A source stores the parameters, and the neurons that receive the current."""
 
     def __init__(self, **parameters: Any) -> None:
         parameters.pop("rng", None)
@@ -213,7 +213,7 @@ class WeightDependenceAdditiveTriplet(STDPWeightDependence):
 class RecurrentRule(STDPTimingDependence):
     """Rule with a counter per synapse. Pairs within random windows raise or lower the counter.
 
-    The weight changes when the counter reaches one of its two limits.
+    The weight changes when the counter reaches the lower or the upper limit.
     """
 
     default_parameters = {
@@ -267,7 +267,7 @@ def spinnaker_names() -> dict[str, Any]:
 
 
 def converted(name: str) -> Any:
-    """Return the replacement of a function of sPyNNaker's `neo_convertor`. It returns empty results."""
+    """Return a function that replaces one of sPyNNaker's `neo_convertor` and returns empty results."""
 
     def convert(*args: Any, **options: Any) -> Any:
         SESSION.read = True
