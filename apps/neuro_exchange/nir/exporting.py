@@ -380,9 +380,9 @@ def _find_depths(export: Export) -> None:
     """Compute `depths`: the steps by which the spikes of each population are later here than in the tool.
 
     A population is one layer behind the source of a connection with the shortest delay. Otherwise its depth is the
-    number of layers on the shortest path from the generators. The depth of a
-    population with constant inputs is at least the number of steps before the first input begins. Delays beyond the
-    depths become Delay nodes, e.g. delays of 6 and 1 steps from the input to two populations become 5 and 0.
+    number of layers on the shortest path from the generators. The depth of a population with constant inputs is at
+    least the number of steps before the first input begins. The part of a delay that exceeds the difference of the
+    depths becomes a Delay node, e.g. delays of 6 and 1 steps from the input to two populations become 5 and 0.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components

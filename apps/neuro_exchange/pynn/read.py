@@ -48,8 +48,8 @@ def from_pynn(
 
     The script runs in its own process, in which each simulator of PyNN is a recorder: nothing is simulated, and results
     that the script reads are empty. The script may read files, and write into a temporary folder. The script may not
-    start programs, use the network or write elsewhere. Random connections, parameters and initial values are those that the
-    script draws.
+    start programs, use the network or write elsewhere. Random connections, parameters and initial values are those that
+    the script draws.
 
     Args:
         script: name of the script.
