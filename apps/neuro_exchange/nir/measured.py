@@ -23,7 +23,7 @@ STEPS, CHANCE, SEED = 200, 0.3, 0
 """Steps of the run, the probability of a spike of an input per step, and the seed of the inputs."""
 
 MOST = 500_000
-"""Largest number of weights that is simulated; such a run lasts well below a second."""
+"""Largest number of weights that is simulated in a short run, and largest number of spikes of a neuron in a step."""
 
 
 def measure(
@@ -175,21 +175,18 @@ class Layer:
         self.bias, self.late_bias = analysis.bias[name].reshape(-1), analysis.late_bias[name].reshape(-1)
         # snnTorch's importer sends all input through the recurrent weights, and its neurons do not hold the reset.
         recurrent = [n for n in graph.before(name) if n in differing and graph.before(n) == [name]]
-        self.recurrent_weights = (
-            np.asarray(graph.nodes[recurrent[0]].fields["weight"], dtype=float) if recurrent else None
-        )
+        recurrent_fields = graph.nodes[recurrent[0]].fields if recurrent else {}
+        self.recurrent_weights = np.asarray(recurrent_fields["weight"], dtype=float) if recurrent else None
         self.hold = 0 if recurrent else cell.hold
-        bias = graph.nodes[recurrent[0]].fields.get("bias") if recurrent else None
+        bias = recurrent_fields.get("bias")
         self.recurrent_bias = np.zeros(self.bias.size) if bias is None else np.asarray(bias, dtype=float).reshape(-1)
         self.v = np.array((self.cell.rest if self.cell.start is None else self.cell.start), dtype=float)
         self.i, self.above = np.zeros(self.v.size), np.zeros(self.v.size, dtype=bool)
         self.steps_on_hold = np.zeros(self.v.size)
 
     def _input(self, step: int, spikes: Mapping[str, Counts]) -> Floats:
-        feedforward, recurrent = (
-            self.bias - self.recurrent_bias + (self.late_bias if step else 0.0),
-            self.recurrent_bias,
-        )
+        recurrent = self.recurrent_bias
+        feedforward = self.bias - recurrent + (self.late_bias if step else 0.0)
         for (link, matrix), lags in zip(self.inputs, self.lags, strict=True):
             emission = step - lags - (link.source == self.name)
             source = spikes[link.source]
@@ -201,7 +198,7 @@ class Layer:
         return recurrent + (feedforward if self.recurrent_weights is None else self.recurrent_weights @ feedforward)
 
     def step(self, step: int, spikes: Mapping[str, Counts]) -> Counts:
-        """Advance the neurons by one step, and return how often each fires."""
+        """Advance the neurons by one step, and return the number of spikes of each neuron."""
         cell, x = self.cell, self._input(step, spikes)
         assert cell.threshold is not None
         if cell.i_keep is not None and cell.i_gain is not None:
