@@ -333,7 +333,7 @@ def _listen(url: str, **words: Any) -> Any:
 
 
 class _Lines:
-    """Prints a line about a live run every 10 s to stderr. A moving progress bar would delay the ticks."""
+    """Printer of a line about a live run to stderr, every 10 s. A moving progress bar would delay the ticks."""
 
     def __init__(self) -> None:
         self._next_s = 0.0

@@ -107,8 +107,10 @@ class Page:
         host, port = check(HOST, host, "host"), check(PORT, port, "port")
         self.pace = None if speed is None else Pace(check(SPEED, speed, "speed"))
         self.restart, self._figures = restart, figures
-        self._waited = self._frame_due = self._sample_used = self._beside_due = 0.0
-        self._due = self._slow_due = self._sample_due = self._price_due = self._seen_until = 0.0
+        # Times of the clock, and times of the run (see `_run_time_s`), at which something is due, s.
+        self._due = self._sample_due = self._price_due = self._beside_due = self._seen_until = 0.0
+        self._frame_due = self._slow_due = self._sample_run_due = 0.0
+        self._waited = 0.0
         self._frame_wanted = self._has_new_browser = self._ahead = self._stopped = False
         self._last_frame_s = 0.0
         self._measured = (time.perf_counter(), sim.time)
@@ -170,7 +172,7 @@ class Page:
         if now >= self._due and self._channel.open:
             self._handle_requests(now)
         if now < self._seen_until:
-            if now >= self._sample_due and (self._ahead or self._run_time_s() >= self._sample_used):
+            if now >= self._sample_due and (self._ahead or self._run_time_s() >= self._sample_run_due):
                 self._sample(now)
             if self.frames.is_forgotten and not self.frames.went_back:
                 self.frames.gather()
@@ -361,7 +363,7 @@ class Page:
         start, used = time.thread_time(), self._run_time_s()
         self.frames.sample()
         self._sample_due = now + SAMPLE_S
-        self._sample_used = used + (time.thread_time() - start) / SAMPLE_SHARE
+        self._sample_run_due = used + (time.thread_time() - start) / SAMPLE_SHARE
 
     def _send_frame(self, now: float) -> None:
         start, used = time.thread_time(), self._run_time_s()

@@ -183,8 +183,8 @@ class Server:
                 for client in self._clients.values():
                     client.keep(head["keep"], text, head["fresh"])
             elif "to" in head:
-                if asking := self._clients.get(head.pop("to")):
-                    asking.reply(packed(head, body) if body else json.dumps(head))
+                if receiver := self._clients.get(head.pop("to")):
+                    receiver.reply(packed(head, body) if body else json.dumps(head))
             else:
                 frame = SIZES.pack(head_size, body_size) + text.encode() + body
                 for client in self._clients.values():

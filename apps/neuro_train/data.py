@@ -38,8 +38,8 @@ class BatchData:
 
     Attributes:
         events: all recordings as one batch.
-        labels: (recordings,) output neuron of the class; or targets, (recordings, steps, neurons) demanded potentials
-            of the output at the end of each step, mV, NaN for no demand.
+        labels: with classes, (recordings,) output neuron of the class. With targets, (recordings, steps, neurons)
+            demanded potentials of the output at the end of each step, mV, NaN for no demand.
         classes: names of the classes; empty with targets.
         shape: shape of the population of pixels.
         digest: hash of the recordings.

@@ -314,24 +314,24 @@ def point(
     make_folder(network_file.parent)
     source = _recordings(data, part, without)
     samples = show(net, source, settings, lambda what, count, total: None)
-    learnt_from, judged = divided(source, settings.seed, fold, folds)
+    training, test_indices = divided(source, settings.seed, fold, folds)
     part_name = f"part {'held out' if is_held_out else fold} of {folds + 1}"
     conditions = identity(net, samples, settings) | {"part": part_name, "varied": dict(varied)}
     result_file = network_file.with_suffix(".json")
     if (result := RESULTS.read(result_file, conditions)) and network_file.exists():
         return {str(name): float(value) for name, value in result["found"].items()}
-    trained_on = samples.take(learnt_from)
+    trained_on = samples.take(training)
     checkpoint = training_checkpoint(net, network_file, trained_on, settings, part_name)
     trained = learn(net, trained_on, settings, checkpoint)
     trained.net.save(network_file)
     room = rooms(trained.net, settings.chip, trained_on, settings)
-    test = on_backend(trained.net, settings.chip, samples.take(judged), settings, room=room)
-    warn_of_overflows(settings.chip, test.overflows, len(judged))
+    test = on_backend(trained.net, settings.chip, samples.take(test_indices), settings, room=room)
+    warn_of_overflows(settings.chip, test.overflows, len(test_indices))
     if test.bill is None:
         raise ModelError(f"{settings.chip}: has no costs: expected a chip with costs")
     bill_j = [joules for bill in (test.bill, test.bill.real_time) for joules in (bill.total_j, bill.low_j, bill.high_j)]
     figures = {"accuracy": test.own.accuracy, **{name: 1e6 * j for name, j in zip(SPENT, bill_j, strict=True)}}
-    figures |= {"right": float(test.own.correct), "n": float(len(judged)), "cpu_s": trained.cpu_s}
+    figures |= {"right": float(test.own.correct), "n": float(len(test_indices)), "cpu_s": trained.cpu_s}
     RESULTS.write(result_file, conditions, {"found": figures})
     checkpoint.remove()
     return figures
@@ -339,12 +339,12 @@ def point(
 
 def divided(recordings: Recordings, seed: int, fold: int | None, folds: int) -> tuple[Ints, Ints]:
     """Return the indices of the recordings for training, and of the recordings for the test."""
-    parts = [tested for _, tested in recordings.folds(folds + 1, seed=seed)]
+    parts = [test_indices for _, test_indices in recordings.folds(folds + 1, seed=seed)]
     held_out = parts.pop()
     if fold is None:
         return np.sort(np.concatenate(parts)), held_out
-    judged = parts.pop(fold)
-    return np.sort(np.concatenate(parts)), judged
+    test_indices = parts.pop(fold)
+    return np.sort(np.concatenate(parts)), test_indices
 
 
 @cache

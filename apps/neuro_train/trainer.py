@@ -180,7 +180,7 @@ class _Training:
 
     def __init__(self, net: neuro.Network, samples: BatchData, plan: TrainingPlan, place: str) -> None:
         self._samples, self._plan, self._net, self._place = samples, plan, net, place
-        self.done, self._cpu_s = 0, 0.0
+        self.done, self._cpu_s = 0, 0.0  # finished epochs, and their processor time in s
         self._remaining: dict[str, Array] = {}
         self._curves: dict[str, list[float]] = {name: [] for name in CURVES}
         self._labels, self._batches = torch.from_numpy(samples.labels), math.ceil(len(samples) / plan.batch)

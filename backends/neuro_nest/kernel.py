@@ -28,6 +28,7 @@ MARK_MODEL = "neuro_nest"
 """Name of a node model that marks a kernel as ours. ResetKernel removes the model."""
 
 _holder: weakref.ref[Any] = weakref.ref(type("Nobody", (), {})())
+"""Reference to the simulation that uses the kernel; a dead reference if there is none."""
 
 
 def load() -> Any:

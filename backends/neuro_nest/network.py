@@ -286,15 +286,15 @@ class NestPopulation:
         """Pass spikes to the injectors, and to the devices."""
         places = self.nodes_of.places(spikes.ids)
         order = np.argsort(places, kind="stable")
-        ids, begin = np.unique(places[order], return_index=True)
+        node_indices, begin = np.unique(places[order], return_index=True)
         times = np.split(self._clock.array_ms(spikes.steps[order]), begin[1:])
         numbers = np.split(spikes.multiplicity[order], begin[1:])
-        if ids.size:
+        if node_indices.size:
             spikes_of_nodes = [
                 {"spike_times": t, "spike_multiplicities": m} for t, m in zip(times, numbers, strict=True)
             ]
             for nodes in self._emitting:
-                set_nodes(self._nest, nodes[ids.tolist()], spikes_of_nodes)
+                set_nodes(self._nest, nodes[node_indices.tolist()], spikes_of_nodes)
 
     def get(self, name: str, ids: Ints | None = None) -> Floats:
         """Return a state or parameter of every neuron, or of some."""

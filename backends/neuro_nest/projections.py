@@ -135,7 +135,7 @@ class NestProjection:
             message = f"projection '{self.part.name}': {self._n_layers:,} synapses between two neurons"
             raise ModelError(f"{message}: backend 'nest' expects at most {MAX_LABELS:,}")
         self._states: dict[str, Floats] = {}
-        self._listed: dict[int, Ints] = {}
+        self._listed: dict[int, Ints] = {}  # by layer, the synapses in NEST's order of connections
         self._has_run = False
 
     def rows(self, sources: Ints) -> tuple[Ints, Ints]:

@@ -77,6 +77,7 @@ class TrainSource:
         self._steps, self._ids = self._steps[order], self._ids[order]
 
     def _draw(self, begin: int, to: int) -> InjectedTrain:
+        """Return the spikes of Poisson generators in the steps k with begin < k <= to."""
         pieces: list[InjectedTrain] = []
         schedule, size = self.part.schedule, self.part.size
         while begin < to:

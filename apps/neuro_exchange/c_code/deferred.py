@@ -48,6 +48,7 @@ class History:
         c, timing = self.rule.constants, sr.TIMINGS[self.rule.constants[sr.TIMING]]
         self.taught, vogels, triplet = bool(c[sr.TAUGHT]), timing == "vogels", timing == "triplet"
         multiplies, traced = bool(c[sr.OF_WEIGHT]), timing != "nearest"
+        # The lines of the templates that begin with a flag, such as "taught|", apply only to rules with this flag.
         flags = {"taught": self.taught, "traced": traced, "triplet": triplet, "nearest": not traced, "vogels": vogels}
         flags |= {"mult": multiplies, "add": not multiplies, "lowers": not vogels}
         flags |= {"lowmult": multiplies and not vogels, "lowadd": not multiplies and not vogels}

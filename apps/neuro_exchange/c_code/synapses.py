@@ -205,7 +205,7 @@ class Learning:
         self._program, self._q, self._wires, self._memory = program, index, wires, memory
         self._part, self.rule = program.projections[index], wires.rule
         self._sources, self._targets = (program.populations[k].size for k in (self._part.source, self._part.target))
-        self._grain = bounds(wires.sign_mode, wires.bits)[2].bit_length() - 1
+        self._grain = bounds(wires.sign_mode, wires.bits)[2].bit_length() - 1  # log2 of the step between mantissas
         self.init = list[str]()
         self.states: dict[str, tuple[str, int]] = {}
         # States: weights, tags, traces at each step of an epoch, and which neurons fired in this step and this epoch.

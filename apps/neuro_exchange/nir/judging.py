@@ -318,8 +318,8 @@ def _find_depths(analysis: Analysis) -> None:
 
     In the tools a spike passes all forward layers in the same step, and recurrent connections of a layer take a step.
     Here every connection takes at least one step. So the delay of a node is at least the number of layers on its
-    shortest path from the Input. A Delay on the path does not absorb these steps: neurons behind a Delay of 5 steps fire
-    5 steps after neurons of the same layer without a Delay, as in the tool.
+    shortest path from the Input. A Delay on the path does not absorb these steps. Neurons behind a Delay of 5 steps
+    fire 5 steps after neurons of the same layer without a Delay, as in the tool.
     """
     inputs = [name for name, node in analysis.graph.nodes.items() if node.kind == "Input"]
     depths = analysis.depths

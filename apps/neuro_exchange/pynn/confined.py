@@ -29,6 +29,7 @@ _PATHS = (
     *("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.symlink", "os.link", "os.truncate", "os.chmod", "os.chown"),
     *("os.utime", "os.setxattr", "os.removexattr", "sqlite3.connect"),
 )
+"""Audit events of calls that change files. Paths are among the first two arguments."""
 _WITHOUT_EFFECT = ("chmod", "utime", "setxattr")
 """Functions of `os` that the kernel refuses. They are replaced by functions that do nothing, so that a script can
 still copy files, e.g. by `shutil.copy2`."""

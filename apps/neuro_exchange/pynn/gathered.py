@@ -45,7 +45,7 @@ _OF_POST = {
     **dict.fromkeys(("SpikePairRule", "SpikeNearestPairRule", "PfisterSpikeTriplet"), "tau_minus"),
     "Vogels2011Rule": "tau",
 }
-"""Names of the time constant of target spikes in PyNN's rules."""
+"""For each rule of PyNN, the name of its time constant of target spikes."""
 TIMINGS = {
     **{"SpikePairRule": "pair", "SpikeNearestPairRule": "nearest", "PfisterSpikeTriplet": "triplet"},
     **{"Vogels2011Rule": "vogels", "RecurrentRule": "recurrent"},
@@ -54,7 +54,7 @@ DEPENDENCES_OF_PROGRAMS = {
     **dict.fromkeys(("AdditiveWeightDependence", "WeightDependenceAdditiveTriplet"), "additive"),
     "MultiplicativeWeightDependence": "multiplicative",
 }
-"""Values of `timing` (above) and `dependence` of `spinnaker_learning` for sPyNNaker's rules."""
+"""Values of `dependence` (and above, in `TIMINGS`, of `timing`) of `spinnaker_learning` for sPyNNaker's rules."""
 _NEVER = 1e10
 """PyNN's default duration of a source, in ms; current sources stop at 100 times this time by default."""
 _ALMOST = 1e-6

@@ -212,7 +212,7 @@ _by_column = LazyArray.by_column
 
 
 def _columns(self: Any, mask: Any = None) -> Iterator[Any]:
-    """Yield each column as an array. PyNN 0.13 indexes the columns, but those of a single row are plain numbers."""
+    """Yield each column as an array. PyNN 0.13 indexes columns, but gives plain numbers for a single row."""
     return (column if column is True else np.atleast_1d(column) for column in _by_column(self, mask))
 
 
