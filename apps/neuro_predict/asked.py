@@ -174,8 +174,8 @@ class Pixels:
     def check(self, item: Sample | Events, name: str) -> None:
         """Raise an error for a damaged recording, or for a recording whose sensor does not fit the pixels."""
         events = load(item)
-        size, stated = (item.sensor_size, True) if isinstance(item, Events) else item.sensor()
-        if self._readout.window is None and stated:
+        size, is_stated = (item.sensor_size, True) if isinstance(item, Events) else item.sensor()
+        if self._readout.window is None and is_stated:
             self._refuse(size, name)
         self.spikes(events, name)
 

@@ -27,10 +27,10 @@ Overflows = Mapping[str, tuple[int, str]]
 @contextmanager
 def overflows_counted(overflows: dict[str, tuple[int, str]]) -> Iterator[None]:
     """Within the block, count overflows of a recording in `overflows` instead of warning."""
-    with warnings.catch_warnings(record=True) as caught:
+    with warnings.catch_warnings(record=True) as caught_warnings:
         warnings.simplefilter("always", OverflowWarning)
         yield
-    for warning in caught:
+    for warning in caught_warnings:
         message = warning.message
         if not isinstance(message, OverflowWarning):
             warnings.warn_explicit(message, warning.category, warning.filename, warning.lineno)

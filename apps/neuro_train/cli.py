@@ -115,8 +115,8 @@ def train(
             f"--{'folds' if folds else 'search'} and --html: expected one of them", hint="a page shows one training"
         )
     _check_before(net, plan, backends if folds or test else [], out, html)
-    learnt_from, unseen = leaving_out(recordings(data, part=part), without), None
-    held_out = None if test is None or search else recordings(test, part="Test", classes=learnt_from.classes)
+    training_recordings, unseen = leaving_out(recordings(data, part=part), without), None
+    held_out = None if test is None or search else recordings(test, part="Test", classes=training_recordings.classes)
     page = html or out.with_suffix(".html")
     with apps.resumable():
         if search is not None:
@@ -125,11 +125,11 @@ def train(
             return
         with apps.Bar() as bar:
             count = partial(_count, bar)
-            samples = show(net, learnt_from, plan, count)
+            samples = show(net, training_recordings, plan, count)
             if folds:
                 from neuro_train.search import cross_validate
 
-                parts = learnt_from.folds(folds, seed=plan.seed)
+                parts = training_recordings.folds(folds, seed=plan.seed)
                 results = cross_validate(net, samples, parts, plan, backends, out, count)
             elif held_out is not None:
                 unseen = show(net, held_out, plan, count, "test on recordings of the sensor of --data")
@@ -199,8 +199,8 @@ def _train(
         )
         message = f"loss {figures['loss'][-1]:.4g}, {grade}"
         typer.echo(f"{plan.epochs} epoch{'s' * (plan.epochs > 1)}: {message}")
-    for written in (out, page):
-        typer.echo(f"{written}: written")
+    for file in (out, page):
+        typer.echo(f"{file}: written")
 
 
 def _search(
@@ -229,8 +229,8 @@ def _search(
         places = run_search(*inputs, plan, params, varied, budget, folds, folder, bar.say)
     files = telling.write_front(folder, places, plan.chip)
     telling.show_front(places, plan.chip)
-    for written in files:
-        typer.echo(f"{written}: written")
+    for file in files:
+        typer.echo(f"{file}: written")
 
 
 def _count(bar: apps.Bar, activity: str, count: int, total: int) -> None:

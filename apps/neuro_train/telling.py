@@ -90,8 +90,8 @@ def show(tests: Sequence[TestedNetwork], room: Sequence[MemoryRoom] = ()) -> Non
     for test in tests:
         warn_of_overflows(test.backend, test.overflows, len(test.labels))
     console().print(table(head(tests), rows(tests), title=f"{len(tests[0].labels)} recordings"))
-    if billed := bills(tests):
-        console().print(table(BILLS, billed, title="a recording"))
+    if bill_rows := bills(tests):
+        console().print(table(BILLS, bill_rows, title="a recording"))
     for line in footnotes([test.bill for test in tests if test.bill], False):
         print(f"- {line}")
     _show_sent({test.backend: test.mean_spikes for test in tests})
@@ -155,8 +155,8 @@ def _parts(
     if tests:
         yield tag("h2", f"On {len(tests[0].labels)} unseen recordings")
         yield html.table(head(tests), rows(tests))
-        if billed := bills(tests):
-            yield html.table(BILLS, billed)
+        if bill_rows := bills(tests):
+            yield html.table(BILLS, bill_rows)
         yield tag("p", ABOUT if tests[0].V_m is None else ABOUT_TARGETS)
     if room:
         yield tag("h2", "Room in registers")
@@ -302,21 +302,21 @@ def draw(places: Sequence[FrontPlace], chip: str) -> Figure:
     axis = figure.subplots()
     axis.spines[["top", "right"]].set_visible(False)
     front = [place for place in places if place.tested]
-    untested = [place for place in places if not place.tested]
-    axis.plot(*_coordinates(untested), "o", color=GREY, markersize=4, label="judged in the search")
+    untested_places = [place for place in places if not place.tested]
+    axis.plot(*_coordinates(untested_places), "o", color=GREY, markersize=4, label="judged in the search")
     axis.step(*_coordinates(front), where="post", color=GREY, linewidth=1.0)
     axis.plot(*_coordinates(front), "o", color="0.3", markersize=5, label="no other beats these")
     tests = [place.tested for place in front if place.tested]
     held_out = [_held_out(tested) for tested in tests]
     percent = [100.0 * share for share, _ in held_out]
-    down = [100.0 * (share - low) for share, (low, _) in held_out]
+    lower_errors = [100.0 * (share - low) for share, (low, _) in held_out]
     upper_errors = [100.0 * (high - share) for share, (_, high) in held_out]
     microjoules = [tested["microjoules"] for tested in tests]
     label = "the same, learnt anew, on recordings held out (95 %)"
     axis.errorbar(
         microjoules,
         percent,
-        yerr=(down, upper_errors),
+        yerr=(lower_errors, upper_errors),
         fmt="D",
         color=BLUE,
         label=label,

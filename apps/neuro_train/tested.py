@@ -186,8 +186,8 @@ def by_module(module: neuro_torch.Module, samples: BatchData, plan: TrainingPlan
     parts, potentials = [], []
     with torch.no_grad():
         for first in range(0, len(samples), AT_ONCE):
-            chosen = list(range(first, min(first + AT_ONCE, len(samples))))
-            activity = module.eval()(samples.events[chosen])
+            indices = list(range(first, min(first + AT_ONCE, len(samples))))
+            activity = module.eval()(samples.events[indices])
             parts.append(activity.spikes[plan.output].cpu())
             if plan.loss == "mse":
                 potentials.append(activity.V_m[plan.output].cpu())
@@ -254,9 +254,9 @@ def _test_results(
     overflows: Overflows | None = None,
 ) -> TestedNetwork:
     decided = neuro_torch.losses.decisions(spikes).numpy()
-    first = neuro_torch.losses.first_spike_steps(spikes).amin(dim=1)
-    fired = first < spikes.shape[1]
-    mean = float((first[fired] + 1.0).mean()) * step if bool(fired.any()) else float("nan")
+    first_steps = neuro_torch.losses.first_spike_steps(spikes).amin(dim=1)
+    has_spikes = first_steps < spikes.shape[1]
+    mean = float((first_steps[has_spikes] + 1.0).mean()) * step if bool(has_spikes.any()) else float("nan")
     return TestedNetwork(backend, spikes.numpy(), decided, samples.labels, samples.classes, mean, bill, overflows or {})
 
 

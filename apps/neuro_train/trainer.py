@@ -206,9 +206,9 @@ class _Training:
             {"params": parameters, "size": size, "weight_decay": plan.decay / size, "eps": 1e-8 / size}
             for size, parameters in weights.items()
         ]
-        undecayed = [*self._module.delays.parameters(), *self._module.neurons.parameters()]
-        if undecayed:  # delays and parameters of neurons do not decay
-            groups.append({"params": undecayed, "size": 1.0, "weight_decay": 0.0})
+        undecayed_parameters = [*self._module.delays.parameters(), *self._module.neurons.parameters()]
+        if undecayed_parameters:  # delays and parameters of neurons do not decay
+            groups.append({"params": undecayed_parameters, "size": 1.0, "weight_decay": 0.0})
         self._optimiser = torch.optim.AdamW(groups, lr=plan.rate, fused=True)
 
     def epoch(self) -> None:
@@ -226,21 +226,21 @@ class _Training:
         self._silent_epochs += 1
         sums, recordings = dict.fromkeys(CURVES, 0.0), 0
         for k in range(self._batches):
-            chosen = order[k * plan.batch : (k + 1) * plan.batch]
-            if self._variance is not None and bool(self._labels[torch.from_numpy(chosen)].isnan().all()):
+            indices = order[k * plan.batch : (k + 1) * plan.batch]
+            if self._variance is not None and bool(self._labels[torch.from_numpy(indices)].isnan().all()):
                 continue  # these recordings have no targets
-            recordings += len(chosen)
-            for name, value in self._batch(chosen, k, rng).items():
-                sums[name] += value * len(chosen)
+            recordings += len(indices)
+            for name, value in self._batch(indices, k, rng).items():
+                sums[name] += value * len(indices)
         for name, value in sums.items():
             self._curves[name].append(value / recordings)
         self.done += 1
         self._cpu_s += time.process_time() - began
 
-    def _batch(self, chosen: npt.NDArray[np.int64], k: int, rng: np.random.Generator) -> dict[str, float]:
+    def _batch(self, indices: npt.NDArray[np.int64], k: int, rng: np.random.Generator) -> dict[str, float]:
         """Take one step of learning; return its figures."""
-        plan, labels = self._plan, self._labels[torch.from_numpy(chosen)].to(self._plan.device)
-        events = self._samples.events[chosen.tolist()]
+        plan, labels = self._plan, self._labels[torch.from_numpy(indices)].to(self._plan.device)
+        events = self._samples.events[indices.tolist()]
         if plan.shift or plan.warp or plan.mirror:
             events = moved(events, plan.input, self._samples.shape, plan.shift, plan.warp, rng, plan.mirror)
         # the rate rises in the first three tenths, then falls to nothing, along cosines (Smith, arXiv:1803.09820)
@@ -363,9 +363,9 @@ class _Training:
 def why_silent(net: neuro.Network, samples: BatchData, plan: TrainingPlan) -> str:
     """Return the doctor's reason for a silent output in the recording with most spikes; "" if it finds no reason."""
     train = samples.events.trains[plan.input]
-    fullest = train.of([int(np.argmax(np.diff(train.ends)))])
-    times = (fullest.step + 1.0) * net.resolution
-    pixels = neuro.spike_train(spikes=np.stack([times, fullest.neuron.astype(np.float64)], axis=1))
+    fullest_train = train.of([int(np.argmax(np.diff(train.ends)))])
+    times = (fullest_train.step + 1.0) * net.resolution
+    pixels = neuro.spike_train(spikes=np.stack([times, fullest_train.neuron.astype(np.float64)], axis=1))
     net.populations[plan.input] = replace(net.populations[plan.input], model=pixels)
     diagnosis = neuro.doctor(net, (samples.events.steps + 1) * net.resolution)
     reasons = [finding for finding in diagnosis.faults if plan.output in finding.what] or list(diagnosis.faults)

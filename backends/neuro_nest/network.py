@@ -150,8 +150,8 @@ class NestNetwork:
             # populations.
             text = error.message.rstrip(".")
             cells = [c for c in self.cells if text.endswith(f" {NODES[c.part.model.name]}")]
-            beyond = [c for c in cells if any(np.any(np.abs(c.get(s)) > bound) for s, bound in _BOUNDS.items())]
-            names = " or ".join(f"'{population.part.name}'" for population in beyond or cells)
+            unstable_cells = [c for c in cells if any(np.any(np.abs(c.get(s)) > bound) for s, bound in _BOUNDS.items())]
+            names = " or ".join(f"'{population.part.name}'" for population in unstable_cells or cells)
             message = error.message.replace("NEST: ", f"NEST: population {names}: ", 1) if names else error.message
             raise error.but(message=message, hint=f"weaken its input, or {error.hint}", kind="instability") from None
 
@@ -316,8 +316,8 @@ class NestPopulation:
     def _gathered(self, name: str) -> Floats:
         """Return a state of the neurons of all processes."""
         number, first = self._share.number, self.nodes_of.first
-        mine = (self._share.index - first) % number
-        own_nodes = self.nodes[mine::number] if mine < self.part.size else ()
+        first_own = (self._share.index - first) % number
+        own_nodes = self.nodes[first_own::number] if first_own < self.part.size else ()
         answers = own_nodes.get(["global_id", name]) if own_nodes else {"global_id": [], name: []}
         ids, values = (
             np.atleast_1d(answers["global_id"]).astype(np.int64),
@@ -329,12 +329,12 @@ class NestPopulation:
 
     def set(self, values: Mapping[str, Floats]) -> None:
         """Set states and parameters, all or none."""
-        old = {name: self.get(name) for name in values}
+        old_values = {name: self.get(name) for name in values}
         parameters = self.parameters | {name: v.copy() for name, v in values.items() if name in self.parameters}
         try:
             self._set_nodes(values)
         except Exception:
-            self._set_nodes(old)
+            self._set_nodes(old_values)
             raise
         self.parameters.update(parameters)
 
@@ -346,9 +346,9 @@ class NestPopulation:
             values = {n: self.get(n) for n in relative} | dict(values)
         nest_values = {name: self._in_nest_units(name, array) for name, array in values.items() if name not in LACKING}
         per_node = {name: array for name, array in nest_values.items() if len(array) > 1}
-        shared = {name: array[0] for name, array in nest_values.items() if name not in per_node}
+        for_all = {name: array[0] for name, array in nest_values.items() if name not in per_node}
         node_order = self.nodes_of.in_turn(self.part.size) if per_node else ()
-        neurons = [shared | {name: per_node[name][i] for name in per_node} for i in node_order] or [shared]
+        neurons = [for_all | {name: per_node[name][i] for name in per_node} for i in node_order] or [for_all]
         with nest_errors(f"population '{self.part.name}'"):
             set_nodes(self._nest, self.nodes, neurons)
 

@@ -195,8 +195,8 @@ def has_new_current(old_parameters: Mapping[str, Floats], change: Mapping[str, F
 def _has_current(program: Program, index: int, part: Population) -> bool:
     """Return whether a population is driven by more than spikes through delta or exponential synapses."""
     sources = [program.populations[p.source].model for p in program.projections if p.target == index]
-    driven = bool(np.any(part.parameters["I_e"] != 0.0)) or any(isinstance(m, CurrentGenerator) for m in sources)
-    return driven or part.model.name == "iaf_psc_alpha"
+    is_driven = bool(np.any(part.parameters["I_e"] != 0.0)) or any(isinstance(m, CurrentGenerator) for m in sources)
+    return is_driven or part.model.name == "iaf_psc_alpha"
 
 
 def _projection_problems(program: Program, part: Projection) -> Iterator[Problem]:

@@ -240,10 +240,10 @@ class NestProjection:
     def write(self, nest: Any, ends: tuple[Nodes, Nodes], name: str, values: Floats) -> None:
         """Set a state of every synapse of this process."""
         self.invalidate()
-        shared = bool((values == values[:1]).all())
+        are_equal = bool((values == values[:1]).all())
         for layer in range(self._n_layers):
             connections = self._connections(nest, layer)
-            if len(connections) and shared:
+            if len(connections) and are_equal:
                 connections.set({name: float(values[0])})
             elif len(connections):
                 if nest.local_num_threads > 1:

@@ -132,11 +132,11 @@ class PopulationCode:
         lines = function(f"static void reset_{k}(uint32_t i)", self._reset) if self._cells.competes else []
         reset = [f"reset_{k}(i);"] if self._cells.competes else self._reset
         lines += function(f"static void fire_{k}(uint32_t i)", [*reset, *emit_statements(self._cells, "1u")])
-        begins, on_spike = [], f"fire_{k}(i);"
+        first_statements, on_spike = [], f"fire_{k}(i);"
         if self._cells.competes:
             fired = self._memory.state(f"fired_{k}", "uint8_t", size, f"{self._cells.fixed.name}: above threshold")
-            begins, on_spike = [f"{fired}[i] = 0;"], f"{fired}[i] = 1;"
-        text = [line.replace("fire(i);", on_spike) for line in _loop(size, [*begins, *body])]
+            first_statements, on_spike = [f"{fired}[i] = 0;"], f"{fired}[i] = 1;"
+        text = [line.replace("fire(i);", on_spike) for line in _loop(size, [*first_statements, *body])]
         lines += function(f"static void step_{k}(void)", [*before, *text])
         return StepCode(self._states, lines, self._init, threshold)
 
@@ -220,10 +220,10 @@ def spinnaker_delta(cells: Cells, memory: Memory) -> StepCode:
         for word, name in (("bias", "i_offset"), ("v_rest", "v_rest"), ("keep_v", "exp_tc"))
     )
     body = [f"int64_t input = {' - '.join(inputs)};", *(f"{slot} = 0;" for slot in slots)]
-    free = [f"{v} = next_v_delta({v}, input, {', '.join(arguments)}, {lowest});"]
+    updates = [f"{v} = next_v_delta({v}, input, {', '.join(arguments)}, {lowest});"]
     threshold = code.text("threshold", registers["v_thresh"])
-    free += [f"if ({v} >= {threshold}) {{", "    fire(i);", "}"]
-    return code.step_at_threshold([input_declaration(cells)], threshold, body + _if_refractory(hold, free, []))
+    updates += [f"if ({v} >= {threshold}) {{", "    fire(i);", "}"]
+    return code.step_at_threshold([input_declaration(cells)], threshold, body + _if_refractory(hold, updates, []))
 
 
 def relay(cells: Cells, memory: Memory) -> StepCode:

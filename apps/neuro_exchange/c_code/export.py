@@ -149,16 +149,16 @@ def save_c(
         hint = f"reserved: {', '.join(sorted(reserved))}, and names that end in _run or _test"
         raise ModelError(f"name = {name!r:.60}: expected small letters, digits and _, as in 'net'", hint=hint)
     target = check_chip(chip)
-    exported = net.frozen() if check(_FLAG, frozen, "frozen") else net
-    recorded = with_recorded_spikes(exported, given if isinstance(given, Mapping) else ())
-    sim, fixed = _compile(recorded, target, {"backend": chip, "seed": seed}, signals)
+    exported_net = net.frozen() if check(_FLAG, frozen, "frozen") else net
+    recording_net = with_recorded_spikes(exported_net, given if isinstance(given, Mapping) else ())
+    sim, fixed = _compile(recording_net, target, {"backend": chip, "seed": seed}, signals)
     program = sim.program
     neurons = [part.name for part in program.populations if part.kind == "neuron"]
-    probed = {probe.of for probe in net.probes.values() if "spikes" in probe.record}
-    sending = {part.source for part in net.projections.values() if part.source != part.target}
-    sending |= {program.populations[part.dopamine].name for part in program.projections if part.dopamine >= 0}
-    probed_neurons = tuple(name for name in neurons if name in probed)
-    outputs = probed_neurons or tuple(name for name in neurons if name not in sending) or tuple(neurons)
+    probed_names = {probe.of for probe in net.probes.values() if "spikes" in probe.record}
+    sending_names = {part.source for part in net.projections.values() if part.source != part.target}
+    sending_names |= {program.populations[part.dopamine].name for part in program.projections if part.dopamine >= 0}
+    probed_neurons = tuple(name for name in neurons if name in probed_names)
+    outputs = probed_neurons or tuple(name for name in neurons if name not in sending_names) or tuple(neurons)
     source = source_of(fixed, name, outputs)
     code = 400 + 16 * source.code.count(";")  # upper bound on a Cortex-M4
     for memory, limit, size in (("flash", limits["flash"], source.flash + code), ("RAM", limits["RAM"], source.ram)):
@@ -375,15 +375,15 @@ def record(sim: Simulation, source: Source, outputs: tuple[str, ...], steps: int
 
 def with_recorded_spikes(net: Network, names: Container[str] = ()) -> Network:
     """Return a copy of the network that records all spikes. Poisson generators in `names` do not draw spikes."""
-    recorded = copy.copy(net)
-    recorded.probes, recorded.populations = dict(net.probes), dict(net.populations)
+    recording_net = copy.copy(net)
+    recording_net.probes, recording_net.populations = dict(net.probes), dict(net.populations)
     for name, part in net.populations.items():
         if name in names and isinstance(part.model, poisson_generator):
-            recorded.populations[name] = replace(part, model=spike_generator())
+            recording_net.populations[name] = replace(part, model=spike_generator())
     for name, part in net.populations.items():
         if part.model.role != "current":
-            recorded.probe(f"{name}.spikes.c", name, "spikes")
-    return recorded
+            recording_net.probe(f"{name}.spikes.c", name, "spikes")
+    return recording_net
 
 
 def _digest(sim: Simulation, source: Source) -> np.uint64:
@@ -404,8 +404,8 @@ def _spikes(sim: Simulation, source: Source, names: Any) -> Ints:
             steps = np.rint(times / sim.program.resolution).astype(np.int64)
             pairs, counts = np.unique(np.stack([steps, ids + first]), axis=1, return_counts=True)
             arrays.append(np.vstack([steps, ids + first, numbers] if graded else [pairs, counts]))
-    joined = np.concatenate(arrays, axis=1).astype(np.int64)
-    return joined[:, np.lexsort((joined[1], joined[0]))]
+    spikes = np.concatenate(arrays, axis=1).astype(np.int64)
+    return spikes[:, np.lexsort((spikes[1], spikes[0]))]
 
 
 _FROZEN = "--frozen (frozen=True) leaves out the rule, and keeps the weights of the network"

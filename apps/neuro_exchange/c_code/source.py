@@ -176,8 +176,8 @@ class _Writer:
 
     def _learner(self, q: int) -> Learning | Deferred:
         arguments = self._program, q, self._wires(q), self._memory
-        deferred = isinstance(self._wires(q).rule, spinnaker_rule.SpinnakerRule)
-        return Deferred(*arguments, self._histories) if deferred else Learning(*arguments)
+        is_deferred = isinstance(self._wires(q).rule, spinnaker_rule.SpinnakerRule)
+        return Deferred(*arguments, self._histories) if is_deferred else Learning(*arguments)
 
     def _cells_of(self, k: int) -> Cells:
         part, cells, wires = self._program.populations[k], self._fixed.populations[k], self._fixed.projections
@@ -451,10 +451,10 @@ def _call_names(word: str, names: Sequence[str], numbers: Iterable[int]) -> Iter
 
 def _macros(names: Iterable[str]) -> Iterator[str]:
     """Yield a unique C identifier in capitals for each name, e.g. "ON_CELLS" for "on-cells"."""
-    used = set[str]()
+    used_words = set[str]()
     for k, name in enumerate(names):
         word = re.sub(r"[^A-Z0-9]", "_", name.upper())
-        while word in used:
+        while word in used_words:
             word += f"_{k}"
-        used.add(word)
+        used_words.add(word)
         yield word

@@ -367,19 +367,19 @@ class Learning:
     def _visit(self) -> list[str]:
         """Return the loop over all synapses that a product may change, and the reset of the epoch's spikes."""
         q, epoch = self._q, self.rule.epoch
-        ungated = [term for term in (*self.rule.dw, *self.rule.dt) if term.gate == "u"]
-        acts = " || ".join(sorted({f"(number & {(1 << term.every) - 1}u) == 0" for term in ungated}))
+        ungated_terms = [term for term in (*self.rule.dw, *self.rule.dt) if term.gate == "u"]
+        condition = " || ".join(sorted({f"(number & {(1 << term.every) - 1}u) == 0" for term in ungated_terms}))
         # Synapses whose tag is 0 are skipped if all these products have the tag as a factor.
         if (
-            ungated
+            ungated_terms
             and self.rule.dt
-            and all(any(factor.name == "t" and not factor.add for factor in term.factors) for term in ungated)
+            and all(any(factor.name == "t" and not factor.add for factor in term.factors) for term in ungated_terms)
         ):
-            acts = f"(t_{q}[e] != 0 && ({acts}))"
+            condition = f"(t_{q}[e] != 0 && ({condition}))"
         lines = [f"uint32_t number = (uint32_t)(now / {epoch}u);"]
         lines += [f"for (uint32_t i = 0; i < {self._sources}u; i++) {{"]
-        acts += " || " if acts else ""
-        test = f"if ({acts}x_last_{q}[i] != 0 || y_last_{q}[j] != 0) apply_{q}(i, j, e, number);"
+        condition += " || " if condition else ""
+        test = f"if ({condition}x_last_{q}[i] != 0 || y_last_{q}[j] != 0) apply_{q}(i, j, e, number);"
         lines += [*indented(row_of(self._part, q, self._targets, [test])), "}"]
         for side, size in (("x", self._sources), ("y", self._targets)):
             lines.append(f"for (uint32_t i = 0; i < {size}u; i++) {side}_last_{q}[i] = 0;")

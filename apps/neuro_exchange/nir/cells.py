@@ -374,9 +374,9 @@ def model_of(cell: Cell, h: float) -> CellModel:
         Unsupported: no model has this equation.
     """
     tau = time_constant(cell.keep, h)
-    endless = np.isinf(tau)
+    is_endless = np.isinf(tau)
     # With this capacity a current of 1 pA adds 1 - keep mV in a step, as in NIR; without a leak it adds 1 mV.
-    capacity, push = np.where(endless, h, tau), np.where(endless, 1.0, 1.0 - cell.keep)
+    capacity, push = np.where(is_endless, h, tau), np.where(is_endless, 1.0, 1.0 - cell.keep)
     parameters = {"tau_m": tau, "C_m": capacity, "t_ref": h * cell.hold, "E_L": cell.rest, **_spike(cell)}
     if cell.lowest is not None:
         parameters["V_min"] = cell.lowest

@@ -85,8 +85,8 @@ def find_sheets(export: Export, spiking: Sequence[Projection]) -> None:
     ]
     export.lines = {index for p in row_convolutions for index in (p.source, p.target)}
     for _ in range(len(export.lines)):
-        remaining = [p for p in convolutions if p not in row_convolutions or not {p.source, p.target} <= export.lines]
-        export.lines -= {index for p in remaining for index in (p.source, p.target)}
+        others = [p for p in convolutions if p not in row_convolutions or not {p.source, p.target} <= export.lines]
+        export.lines -= {index for p in others for index in (p.source, p.target)}
 
 
 def is_convolution(export: Export, part: Projection) -> bool:
@@ -142,9 +142,9 @@ def _pool(export: Export, part: Projection) -> tuple[str, Floats] | None:
         return None
     area, lacks = g.kernel_height * g.kernel_width, LACKS.get(export.tool, ())
     kinds = {"SumPool2d": factor, "AvgPool2d": factor * area}
-    unscaled = [kind for kind, gain in kinds.items() if kind not in lacks and np.allclose(gain, 1.0, rtol=1e-12)]
-    if unscaled and (export.tool == "nir" or not (g.top or g.left)):  # the tools treat a padding differently
-        return unscaled[0], np.ones(g.maps)
+    unscaled_kinds = [kind for kind, gain in kinds.items() if kind not in lacks and np.allclose(gain, 1.0, rtol=1e-12)]
+    if unscaled_kinds and (export.tool == "nir" or not (g.top or g.left)):  # the tools treat a padding differently
+        return unscaled_kinds[0], np.ones(g.maps)
     return None if "Scale" in lacks else ("SumPool2d", factor)
 
 
@@ -241,11 +241,11 @@ def export_graph(net: Network, dt: float | None, for_: str | None) -> tuple[Any,
         _add_population(export, index, part)
     for projection in export.program.projections:
         _add_projection(export, projection)
-    sending = {p.source for p in _spiking(export) if p.source != p.target}
-    probed = {probe.population for probe in export.program.probes}
+    sending_populations = {p.source for p in _spiking(export) if p.source != p.target}
+    probed_populations = {probe.population for probe in export.program.probes}
     outputs = (
-        [k for k in export.neurons if k not in sending]
-        or [k for k in export.neurons if k in probed]
+        [k for k in export.neurons if k not in sending_populations]
+        or [k for k in export.neurons if k in probed_populations]
         or list(export.neurons)
     )
     for index in outputs:
@@ -398,7 +398,7 @@ def _find_depths(export: Export) -> None:
         depths[target] = max(depths[target], min(begins, default=1) - 1)
     ends = [p.source for p in forward], [p.target for p in forward]
     loop = connected_components(csr_array((np.ones(len(forward)), ends), shape=(count, count)), connection="strong")[1]
-    direct = [
+    direct_edges = [
         (source, target, steps)
         for part, (source, target, steps) in zip(forward, layers, strict=True)
         if part.delay_span[0] == 1
@@ -406,7 +406,7 @@ def _find_depths(export: Export) -> None:
         and (loop[source] != loop[target] or (hops[source], source) < (hops[target], target))
     ]
     for _ in range(count):
-        for source, target, steps in direct:
+        for source, target, steps in direct_edges:
             depths[target] = max(depths[target], depths[source] + steps)
     # A Delay cannot be negative.
     shorten(depths, [(p.source, p.target, (int(p.delay_span[0]) - 1 + _layer(export, p))) for p in forward])
@@ -428,15 +428,15 @@ def _begin(export: Export, part: Projection) -> int:
 def _steps_of_delay(export: Export, part: Projection) -> NDArray[np.int64] | None:
     """Return the steps of the Delay behind each source neuron, or None if the synapses of a neuron have several."""
     is_recurrent = part.source == part.target
-    extra = _layer(export, part) - 1 + export.depths[part.source] - export.depths[part.target] - is_recurrent
+    extra_steps = _layer(export, part) - 1 + export.depths[part.source] - export.depths[part.target] - is_recurrent
     size = export.program.populations[part.source].size
     if part.delay_span[0] == part.delay_span[1]:
-        return np.full(size, extra + part.delay_span[0], dtype=np.int64)
+        return np.full(size, extra_steps + part.delay_span[0], dtype=np.int64)
     pre, _, slot = export.program.synapses(export.program.projections.index(part))
     steps = np.broadcast_to(part.delay, part.size)[slot].astype(np.int64)
     source_steps = np.full(size, part.delay_span[0], dtype=np.int64)
     source_steps[pre] = steps
-    return source_steps + extra if np.all(source_steps[pre] == steps) else None
+    return source_steps + extra_steps if np.all(source_steps[pre] == steps) else None
 
 
 def _add_projection(export: Export, part: Projection) -> None:

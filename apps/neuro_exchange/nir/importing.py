@@ -159,9 +159,9 @@ def _network(analysis: Analysis) -> Network:
     for name, node in graph.nodes.items():
         if node.kind == "Output":
             links = analysis.links
-            probed = name if name in analysis.cells else next(link.source for link in links if link.target == name)
-            fires = probed not in analysis.cells or analysis.cells[probed].threshold is not None
-            net.probe(_name(name, net.probes), names[probed], "spikes" if fires else "V_m")
+            probed_node = name if name in analysis.cells else next(link.source for link in links if link.target == name)
+            fires = probed_node not in analysis.cells or analysis.cells[probed_node].threshold is not None
+            net.probe(_name(name, net.probes), names[probed_node], "spikes" if fires else "V_m")
     return net
 
 

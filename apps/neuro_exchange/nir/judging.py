@@ -148,10 +148,12 @@ def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) ->
     """
     step = check(DT, dt, "dt", ("dt",)) / 1e3
     reset = check(RESET, reset, "reset", ("reset",))
-    plain = graph if isinstance(graph, Graph) else read(graph)
-    analysis = Analysis(plain, find_tool(from_, plain.metadata), step)
-    if analysis.tool is None and any(node.kind in STATEFUL for node in plain.nodes.values()):
-        raise ModelError(f"{plain.source}: does not name the tool that wrote it, and tools differ in spikes", hint=ASK)
+    flat_graph = graph if isinstance(graph, Graph) else read(graph)
+    analysis = Analysis(flat_graph, find_tool(from_, flat_graph.metadata), step)
+    if analysis.tool is None and any(node.kind in STATEFUL for node in flat_graph.nodes.values()):
+        raise ModelError(
+            f"{flat_graph.source}: does not name the tool that wrote it, and tools differ in spikes", hint=ASK
+        )
     # NIR's times are in seconds, so dt=0.001 is a likely mistake for dt=1.
     fields = () if analysis.tool in ("sinabs", "snntorch") else ("tau", "tau_mem", "tau_syn")
     nodes = analysis.graph.nodes.values()
@@ -161,7 +163,7 @@ def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) ->
         ms = analysis.step * 1e3
         message = f"{analysis.graph.source}: dt = {ms:g} ms: the shortest time constant is {steps:,.0f} steps"
         raise ModelError(message, hint=f"dt is in ms: dt={ms * 1e3:g} for steps of {ms:g} s")
-    for node in plain.nodes.values():
+    for node in flat_graph.nodes.values():
         _judge(analysis, node, reset)
     if not analysis.table().refused:
         _find_links(analysis)
@@ -169,9 +171,9 @@ def judge(graph: Any, dt: float, from_: str | None, reset: str | None = None) ->
         _find_depths(analysis)
         for link in analysis.links:
             if link.target in analysis.cells and link.map.kernel is not None and grid_of(link.map) is None:
-                old, weights = analysis.verdicts[link.target], link.map.sparse().nnz
-                how = f"{old.how}; its convolution is {some(weights, 'weight')}, as a grid has one stride for both axes"
-                analysis.verdicts[link.target] = replace(old, how=how)
+                verdict, weights = analysis.verdicts[link.target], link.map.sparse().nnz
+                note = f"its convolution is {some(weights, 'weight')}, as a grid has one stride for both axes"
+                analysis.verdicts[link.target] = replace(verdict, how=f"{verdict.how}; {note}")
     return analysis
 
 
@@ -242,8 +244,8 @@ def _find_links(analysis: Analysis) -> None:
             )
             analysis.verdicts[name] = Verdict(name, node.kind, APPROXIMATE, note)
     for link in analysis.links:
-        silent = link.source in analysis.cells and analysis.cells[link.source].threshold is None
-        if silent and link.target in analysis.cells:
+        is_silent = link.source in analysis.cells and analysis.cells[link.source].threshold is None
+        if is_silent and link.target in analysis.cells:
             reason = "sends its potential to other neurons, and neurons here send only spikes"
             analysis.refuse(link.source, reason, "replace it by a neuron that fires")
 
@@ -269,21 +271,21 @@ def _add_link(analysis: Analysis, path: list[str], counted: set[tuple[str, ...]]
     shape = nodes[0].shape
     maps: list[Map] = []
     source_delay, target_delay = np.zeros(shape), np.zeros(())  # delays in seconds before and behind the weights
-    has_weights, differing = False, ""
+    has_weights, uneven_delay = False, ""
     for node in nodes[1:-1]:
         maps.append(map_of(node, shape))
         shape = maps[-1].target
         if maps[-1].diagonal is None:
-            if differing:
+            if uneven_delay:
                 reason = "its delays differ from neuron to neuron between two nodes of weights"
-                analysis.refuse(differing, reason, "give all neurons one delay")
+                analysis.refuse(uneven_delay, reason, "give all neurons one delay")
                 return
             has_weights, target_delay = True, target_delay.reshape(-1)[0]
         elif node.kind == "Delay":
             delay = node.array("delay")
             if has_weights:
                 target_delay = (target_delay.reshape(delay.shape) if target_delay.size > 1 else target_delay) + delay
-                differing = node.name if np.unique(target_delay).size > 1 else ""
+                uneven_delay = node.name if np.unique(target_delay).size > 1 else ""
             else:
                 source_delay = source_delay + delay.reshape(source_delay.shape)
     if path[0] in analysis.cells:
@@ -303,14 +305,14 @@ def _add_link(analysis: Analysis, path: list[str], counted: set[tuple[str, ...]]
         convolves, target = node.kind.startswith("Conv"), maps[k].target
         values = spread(bias, target[:1] if convolves else target[-1:], f"node '{node.name}': bias")
         values = values.reshape(-1, *[1] * (len(target) - 1)) if convolves else values
-        full = np.broadcast_to(values, target).astype(np.float64)
+        full_bias = np.broadcast_to(values, target).astype(np.float64)
         for other in nodes[k + 2 : -1]:
-            if other.kind == "Delay" and other.array("delay").any() and full.any():
+            if other.kind == "Delay" and other.array("delay").any() and full_bias.any():
                 note = f"{_HOW['Delay']}; the bias of '{node.name}' acts from the first step here, in the tool later"
                 analysis.verdicts[other.name] = Verdict(other.name, "Delay", APPROXIMATE, note, measured=FIRST_STEPS)
         # The GraphExecutor delays recurrent input by a step, so its bias is not added in the first step.
         is_late = path[0] == path[-1] and analysis.tool in BY_GRAPH_EXECUTOR
-        (analysis.late_bias if is_late else analysis.bias)[path[-1]] += compose([*maps[k + 1 :], identity])(full)
+        (analysis.late_bias if is_late else analysis.bias)[path[-1]] += compose([*maps[k + 1 :], identity])(full_bias)
 
 
 def _find_depths(analysis: Analysis) -> None:
@@ -327,8 +329,8 @@ def _find_depths(analysis: Analysis) -> None:
     index = {name: k for k, name in enumerate(names)}
     hops = [math.inf if name in analysis.cells else 0.0 for name in names]
     spike_delays = {name: cell.spike_delay for name, cell in analysis.cells.items()}
-    forward = [x for x in analysis.links if x.target in analysis.cells and x.source != x.target]
-    shorten(hops, [(index[x.source], index[x.target], 1 - spike_delays.get(x.source, 0)) for x in forward])
+    forward_links = [x for x in analysis.links if x.target in analysis.cells and x.source != x.target]
+    shorten(hops, [(index[x.source], index[x.target], 1 - spike_delays.get(x.source, 0)) for x in forward_links])
     depths.update((name, 0 if hop == math.inf else int(hop)) for name, hop in zip(names, hops, strict=True))
     # A current acts two steps after its generator starts, so a node with a constant current has a delay of 2 or more.
     for name, cell_model in analysis.models.items():
@@ -336,22 +338,22 @@ def _find_depths(analysis: Analysis) -> None:
             depths[name] = max(2, depths[name])
     links = [(x, 1 - round(x.lag.min() / analysis.step)) for x in analysis.links if x.target in analysis.cells]
     for _ in depths:
-        too_shallow = {
+        shallow_nodes = {
             x.target for x, added in links if depths[x.source] + added - (x.source == x.target) > depths[x.target]
         }
-        for name in too_shallow:
+        for name in shallow_nodes:
             depths[name] = max(depths[x.source] + added for x, added in links if x.target == name and x.source != name)
-        if not too_shallow:
+        if not shallow_nodes:
             break
     else:
-        for name in too_shallow:
+        for name in shallow_nodes:
             reason = "is in a loop of several layers, which takes one step in the tools, and here one per layer"
             way_out = "delay the way back in the tool, too, or leave out all but one layer of the loop"
             analysis.refuse(name, reason, way_out)
     for name in analysis.cells:
-        old, extra_delay = analysis.verdicts[name], depths[name] - analysis.cells[name].spike_delay
-        if old.verdict != REFUSED:
-            analysis.verdicts[name] = replace(old, how=f"{old.how}; {some(extra_delay, 'step')} later here")
+        verdict, extra_delay = analysis.verdicts[name], depths[name] - analysis.cells[name].spike_delay
+        if verdict.verdict != REFUSED:
+            analysis.verdicts[name] = replace(verdict, how=f"{verdict.how}; {some(extra_delay, 'step')} later here")
 
 
 def grid_of(part: Map) -> grid | None:

@@ -73,14 +73,14 @@ def differences(analysis: Analysis, others: Mapping[str, Analysis | str]) -> str
         others: for each tool, the analysis of the graph by its convention, or the reason why the tool cannot read the
             graph.
     """
-    refused = {
+    refusals = {
         tool: reader
         if isinstance(reader, str)
         else next((f"node '{verdict.node}' ({verdict.kind}): {verdict.how}" for verdict in reader.table().refused), "")
         for tool, reader in others.items()
     }
-    readers = {tool: reader for tool, reader in others.items() if isinstance(reader, Analysis) and not refused[tool]}
-    lines = [f"{tool} refuses it: {reason}" for tool, reason in refused.items() if reason]
+    readers = {tool: reader for tool, reader in others.items() if isinstance(reader, Analysis) and not refusals[tool]}
+    lines = [f"{tool} refuses it: {reason}" for tool, reason in refusals.items() if reason]
     if sum(_weights(link.map) for link in analysis.links) > MOST:
         return "\n".join(["The network is too large for a short run: other tools may have other spikes.", *lines])
     rng = np.random.default_rng(SEED)
@@ -123,11 +123,11 @@ def _weights(part: Map) -> int:
 
 def run_here(net: Network, names: Mapping[str, str], depths: Mapping[str, int]) -> dict[str, Counts]:
     """Run the network with random input. Return the spikes by node, shifted back by the node's delay in steps."""
-    probed, h, rng = copy.copy(net), net.resolution, np.random.default_rng(SEED)
-    probed.probes = {}
+    probed_net, h, rng = copy.copy(net), net.resolution, np.random.default_rng(SEED)
+    probed_net.probes = {}
     for population in names.values():
-        probed.probe(f"{population}.spikes", population)
-    sim = compile(probed, seed=SEED)
+        probed_net.probe(f"{population}.spikes", population)
+    sim = compile(probed_net, seed=SEED)
     for population in names.values():
         part = net.populations[population]
         if isinstance(part.model, spike_generator):
@@ -190,11 +190,11 @@ class Layer:
         for (link, matrix), lags in zip(self.inputs, self.lags, strict=True):
             emission = step - lags - (link.source == self.name)
             source = spikes[link.source]
-            arriving = np.where(emission >= 0, source[np.maximum(emission, 0), np.arange(source.shape[1])], 0)
+            arriving_spikes = np.where(emission >= 0, source[np.maximum(emission, 0), np.arange(source.shape[1])], 0)
             if link.source == self.name:
-                recurrent = recurrent + matrix @ arriving
+                recurrent = recurrent + matrix @ arriving_spikes
             else:
-                feedforward = feedforward + matrix @ arriving
+                feedforward = feedforward + matrix @ arriving_spikes
         return recurrent + (feedforward if self.recurrent_weights is None else self.recurrent_weights @ feedforward)
 
     def step(self, step: int, spikes: Mapping[str, Counts]) -> Counts:

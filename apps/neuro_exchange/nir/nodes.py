@@ -93,8 +93,8 @@ def _check_spikes(p: dict[str, Floats], tool: str) -> None:
         raise Unsupported("t_ref is above 0: nodes of NIR have no refractory period", "give it t_ref: 0")
     subtracts = p["reset_by_subtraction"] != 0.0
     if tool == "sinabs":
-        several = p.get("max_spikes", np.ones(1)) < 255
-        if not subtracts.all() or np.any(p["V_reset"] != 0.0) or np.any(several) or np.any(p["E_L"] != 0.0):
+        is_limited = p.get("max_spikes", np.ones(1)) < 255
+        if not subtracts.all() or np.any(p["V_reset"] != 0.0) or np.any(is_limited) or np.any(p["E_L"] != 0.0):
             raise Unsupported(
                 "Sinabs's neurons fall by V_th at a spike, several times in a step, and rest at 0",
                 "give it reset_by_subtraction: true, max_spikes: 255, V_reset: 0 and E_L: 0; or another tool",
@@ -117,12 +117,12 @@ def _check_spikes(p: dict[str, Floats], tool: str) -> None:
 def _direct(p: dict[str, Floats], tool: str, h: float, fires: bool) -> ScaledNode:
     """Return the node of neurons without a synapse: IF or LIF, or I or LI if they never fire."""
     step, ones = h / 1e3, np.ones(p["tau_m"].size)
-    endless = np.isinf(p["tau_m"])
-    kept_share = np.where(endless, 1.0, np.exp(-h / p["tau_m"]))
-    finite = np.where(endless, 1.0, p["tau_m"])
-    push = np.where(endless, h, -finite * np.expm1(-h / finite)) / p["C_m"]  # mV per step and pA
+    is_endless = np.isinf(p["tau_m"])
+    kept_share = np.where(is_endless, 1.0, np.exp(-h / p["tau_m"]))
+    finite_tau = np.where(is_endless, 1.0, p["tau_m"])
+    push = np.where(is_endless, h, -finite_tau * np.expm1(-h / finite_tau)) / p["C_m"]  # mV per step and pA
     fields = _spike(p, tool) if fires else {}
-    if endless.all() and tool != "snntorch":
+    if is_endless.all() and tool != "snntorch":
         r = ones if tool in ("norse", "sinabs") else ones / step
         kind = "IF" if fires else "I"
         return ScaledNode(kind, {"r": r, **fields}, ones, push * p["I_e"], push, f"{kind}, as {_reader(tool)} reads it")
@@ -158,16 +158,16 @@ def _synaptic(p: dict[str, Floats], tool: str, h: float, fires: bool) -> ScaledN
 
 def _share(kept_share: Floats, tool: str, step: float) -> Share:
     """Return the state that keeps the share `kept_share` after a step, in the tool's arithmetic. `step` is in s."""
-    ones, endless = np.ones(kept_share.shape), kept_share >= 1.0
-    loss = np.where(endless, 1.0, 1.0 - kept_share)
+    ones, is_endless = np.ones(kept_share.shape), kept_share >= 1.0
+    loss = np.where(is_endless, 1.0, 1.0 - kept_share)
     with np.errstate(divide="ignore"):
-        exact = np.where(endless, ENDLESS, -1.0 / np.log(kept_share))  # in steps
+        exact_tau = np.where(is_endless, ENDLESS, -1.0 / np.log(kept_share))  # in steps
     if tool == "sinabs":
-        return Share(exact, ones, ones)
+        return Share(exact_tau, ones, ones)
     if tool == "nir":
-        return Share(np.where(endless, ENDLESS, exact * step), loss, 1.0 / loss)
+        return Share(np.where(is_endless, ENDLESS, exact_tau * step), loss, 1.0 / loss)
     unit = SNNTORCH_STEP if tool == "snntorch" else step
-    tau = np.where(endless, ENDLESS, unit / loss)
+    tau = np.where(is_endless, ENDLESS, unit / loss)
     return Share(tau, unit / tau, tau / unit)
 
 
@@ -185,10 +185,10 @@ def _threshold(values: Floats, tool: str) -> Floats:
     """Return the single-precision threshold with which the tool fires at V >= V_th; the value itself for "nir"."""
     if tool == "nir":
         return values
-    single = values.astype(np.float32)
+    singles = values.astype(np.float32)
     if tool in STRICT:
-        return np.where(single >= values, np.nextafter(single, np.float32(-np.inf)), single).astype(np.float64)
-    return np.where(single < values, np.nextafter(single, np.float32(np.inf)), single).astype(np.float64)
+        return np.where(singles >= values, np.nextafter(singles, np.float32(-np.inf)), singles).astype(np.float64)
+    return np.where(singles < values, np.nextafter(singles, np.float32(np.inf)), singles).astype(np.float64)
 
 
 def _reader(tool: str) -> str:

@@ -39,15 +39,15 @@ def read(source: Any) -> Graph:
         nodes: dict[str, Node] = {}
         edges: list[tuple[str, str]] = []
         _gather(graph, "", nodes, edges, depth=0)
-        flat = Graph(name, nodes, list(dict.fromkeys(edges)), dict(graph.metadata or {}))
+        flat_graph = Graph(name, nodes, list(dict.fromkeys(edges)), dict(graph.metadata or {}))
         if not any(node.kind == "Input" for node in nodes.values()):
             raise ModelError(f"{name}: found no Input node: expected at least one")
-        if bad_edges := [(a, b) for a, b in flat.edges if nodes[b].kind == "Input"]:
+        if bad_edges := [(a, b) for a, b in flat_graph.edges if nodes[b].kind == "Input"]:
             raise ModelError(f"{name}: edge '{bad_edges[0][0]}' -> '{bad_edges[0][1]}': an Input cannot be a target")
-        _find_shapes(flat)
+        _find_shapes(flat_graph)
         for node in nodes.values():
-            node.recurrent = any((b, node.name) in flat.edges for a, b in flat.edges if a == node.name)
-        return flat
+            node.recurrent = any((b, node.name) in flat_graph.edges for a, b in flat_graph.edges if a == node.name)
+        return flat_graph
     except ModelError as error:
         raise (error if path is None else error.at(None, name)) from None
     except (TypeError, ValueError, OverflowError, AttributeError) as error:  # a field has an unexpected type
@@ -127,10 +127,12 @@ def _gather(graph: Any, prefix: str, nodes: dict[str, Node], edges: list[tuple[s
             raise ModelError(f"node '{full_name}': found twice, in a subgraph and beside it: expected different names")
         if kind == "NIRGraph":
             _gather(node, full_name + ".", nodes, edges, depth + 1)
-            inner = {end: [n for n, m in node.nodes.items() if type(m).__name__ == end] for end in ("Input", "Output")}
-            if len(inner["Input"]) != 1 or len(inner["Output"]) != 1:
+            inner_names = {
+                end: [n for n, m in node.nodes.items() if type(m).__name__ == end] for end in ("Input", "Output")
+            }
+            if len(inner_names["Input"]) != 1 or len(inner_names["Output"]) != 1:
                 raise ModelError(f"subgraph '{full_name}': expected one Input and one Output")
-            ends[str(name)] = f"{full_name}.{inner['Input'][0]}", f"{full_name}.{inner['Output'][0]}"
+            ends[str(name)] = f"{full_name}.{inner_names['Input'][0]}", f"{full_name}.{inner_names['Output'][0]}"
         elif prefix and kind in ("Input", "Output"):
             nodes[full_name] = Node(full_name, "Identity", {})
         else:
@@ -175,9 +177,9 @@ def _find_shapes(graph: Graph) -> None:
     Raises:
         ModelError: a shape is too large, or shapes at an edge do not fit.
     """
-    pending = [n for n in graph.order() if not graph.nodes[n].shape]
-    for _ in range(len(pending) + 1):
-        for name in pending:
+    pending_names = [n for n in graph.order() if not graph.nodes[n].shape]
+    for _ in range(len(pending_names) + 1):
+        for name in pending_names:
             node = graph.nodes[name]
             input_shapes = [graph.nodes[a].shape for a in graph.before(name) if graph.nodes[a].shape]
             if input_shapes and not node.shape:
@@ -185,10 +187,10 @@ def _find_shapes(graph: Graph) -> None:
                 if min(shape, default=0) < 1 or math.prod(shape) > LARGEST:
                     raise ModelError(f"{graph.source}: node '{node.name}': shape {list(shape)}: expected {SIZES}")
                 node.shape = shape
-        unresolved = [n for n in pending if not graph.nodes[n].shape]
-        if not unresolved or len(unresolved) == len(pending):
+        unresolved_names = [n for n in pending_names if not graph.nodes[n].shape]
+        if not unresolved_names or len(unresolved_names) == len(pending_names):
             break
-        pending = unresolved
+        pending_names = unresolved_names
     for node in graph.nodes.values():
         if not node.shape:
             reason = "is not reached from an Input" if graph.before(node.name) else "receives nothing"

@@ -106,9 +106,9 @@ def _snntorch(module: Any) -> tuple[Writer, str | None]:
 
 def _with_parameters_per_neuron(module: Any, example: Any) -> Any:
     """Return a copy with parameters per neuron, since the exporter derives the shapes of layers from parameters."""
-    copied = copy.deepcopy(module)
-    copied(example)
-    for part in copied.modules():
+    module_copy = copy.deepcopy(module)
+    module_copy(example)
+    for part in module_copy.modules():
         if not hasattr(part, "reset_mechanism"):
             continue
         for word in ("alpha", "beta", "threshold"):
@@ -116,7 +116,7 @@ def _with_parameters_per_neuron(module: Any, example: Any) -> Any:
             if value is not None and value.dim() == 0:
                 part.register_buffer(word, value.detach().expand(part.mem.shape[1:]).clone())
         part.reset_mem()
-    return copied
+    return module_copy
 
 
 def _snntorch_reset(part: Any) -> str:

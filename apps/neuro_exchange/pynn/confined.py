@@ -125,7 +125,7 @@ def _confine(folder: Path) -> None:
     _posixsubprocess.fork_exec = refuse
     subprocess._fork_exec = refuse  # type: ignore[attr-defined]
 
-    def inside(path: Any, follow: bool = True) -> bool:
+    def is_inside(path: Any, follow: bool = True) -> bool:
         if isinstance(path, int):
             return True
         name = os.path.abspath(os.fsdecode(path))
@@ -137,15 +137,16 @@ def _confine(folder: Path) -> None:
             path, _, flags = args
             if flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND):
                 _replace_link(path, flags)
-                if not inside(path):
+                if not is_inside(path):
                     raise Refused(f"a script may not write {os.fsdecode(path)!r:.200}")
                 if not isinstance(path, int):
                     os.makedirs(os.path.dirname(os.path.abspath(path)), exist_ok=True)
         elif event in _PATHS:
             paths = args[:2] if event in ("os.rename", "os.link") else args[1:2] if event == "os.symlink" else args[:1]
-            outside = next((path for path in paths if isinstance(path, str | bytes) and not inside(path, False)), None)
-            if outside is not None:
-                raise Refused(f"a script may not change {os.fsdecode(outside)!r:.200}")
+            names = (path for path in paths if isinstance(path, str | bytes))
+            outside_path = next((name for name in names if not is_inside(name, False)), None)
+            if outside_path is not None:
+                raise Refused(f"a script may not change {os.fsdecode(outside_path)!r:.200}")
             if isinstance(args[0], int) and event != "os.truncate":
                 raise Refused("a script may not change the mode, owner or times of an open file")
         elif event in _PROGRAMS:

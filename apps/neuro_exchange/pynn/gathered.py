@@ -332,11 +332,11 @@ class NetworkBuilder:
             return static()
         if kind == "TsodyksMarkramSynapse":
             share, tau_rec, tau_fac = bundle.numbers("U"), bundle.number("tau_rec"), bundle.number("tau_facil")
-            active = bundle.target.values.get(
+            tau_syn = bundle.target.values.get(
                 f"tau_syn_{'I' if bundle.projection.receptor_type == 'inhibitory' else 'E'}"
             )
-            if active is not None:
-                self._note(difference(float(np.mean(share)), tau_rec, tau_fac, float(np.mean(active))))
+            if tau_syn is not None:
+                self._note(difference(float(np.mean(share)), tau_rec, tau_fac, float(np.mean(tau_syn))))
             return tsodyks2(U=self._as_matrix(share, rule, bundle), tau_rec=tau_rec, tau_fac=tau_fac)
         if kind != "STDPMechanism":
             raise Incomplete(f"{kind} has no counterpart")
@@ -349,8 +349,8 @@ class NetworkBuilder:
         modulators = [m for m in self.modulators if m.target is bundle.target]
         smallest = bundle.number("w_min")
         if modulators and factor > 0:
-            rewards = len(modulators) == 1 and modulators[0].projection.receptor_type == "reward"
-            if (timing, dependence, smallest) == ("SpikePairRule", "AdditiveWeightDependence", 0.0) and rewards:
+            is_reward = len(modulators) == 1 and modulators[0].projection.receptor_type == "reward"
+            if (timing, dependence, smallest) == ("SpikePairRule", "AdditiveWeightDependence", 0.0) and is_reward:
                 return self._dopamine(bundle, modulators, factor)
             return self._machine_rule(bundle, modulators, factor)
         if timing == "RecurrentRule" or (smallest != 0.0 and self.experiment.spinnaker):

@@ -343,9 +343,9 @@ class _Script:
             if shares.size > 1:
                 raise ModelError("'U' differs from synapse to synapse: expected one number, as in PyNN")
             share, tau_rec, tau_fac = float(shares[0]), float(rule.tau_rec), float(rule.tau_fac)
-            active = target.parameters.get("tau_syn_in" if np.all(part.arriving(part.weight) < 0.0) else "tau_syn_ex")
-            if active is not None:
-                self._note(part.name, rule.name, difference(share, tau_rec, tau_fac, float(np.mean(active))))
+            tau_syn = target.parameters.get("tau_syn_in" if np.all(part.arriving(part.weight) < 0.0) else "tau_syn_ex")
+            if tau_syn is not None:
+                self._note(part.name, rule.name, difference(share, tau_rec, tau_fac, float(np.mean(tau_syn))))
             return f"TsodyksMarkramSynapse({_words({'U': share, 'tau_rec': tau_rec, 'tau_facil': tau_fac})}, "
         if not isinstance(rule, (stdp, *_SPINNAKER_RULES)):
             raise ModelError(f"{rule.name} has no standard synapse in PyNN")
