@@ -113,7 +113,8 @@ class Network(Description):
             with self._in_place(label):
                 sizes = (neurons.neurons.size,)
         self._expect(model, Model, label, "a model such as neuro.iaf_psc_exp()")
-        self._expect({} if initial is None else initial, Mapping, label, "states by name such as {'V_m': -60.0}")
+        if initial is not None:
+            self._expect(initial, Mapping, label, "states by name such as {'V_m': -60.0}")
         states = {s.name: s.quantity() for s in model.states if not s.hidden} if initial else {}
         initial_values = {}
         for state, value in (initial or {}).items():
@@ -123,7 +124,8 @@ class Network(Description):
                     raise unknown(f"state of {model.name}", state, states, path=path)
                 initial_values[state] = check(states[state], value, f"{label}: initial.{state}", path)
         words = {"positions": positions, "extent": extent, "periodic": periodic}
-        checked_words = {word: self._checked(Population, word, value, label) for word, value in words.items()}
+        stated_words = {word: value for word, value in words.items() if value is not None and value is not False}
+        checked_words = {word: self._checked(Population, word, value, label) for word, value in stated_words.items()}
         part = Population(name, sizes, model, initial_values, self._where(), **checked_words, neurons=neurons)
         return self._add(self.populations, part)
 

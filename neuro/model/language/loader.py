@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -286,6 +286,13 @@ def build(sections: Mapping[str, Node], every_mistake: bool = False) -> Network:
     return _Builder(sections, every_mistake).network()
 
 
+@cache
+def _reading_order(cls: type[Part]) -> tuple[tuple[str, Quantity, str], ...]:
+    """Return each word of a part with its quantity and its argument in Python. Words that name neurons come last."""
+    order = sorted(cls.words.items(), key=lambda item: item[1].kind == "neurons")
+    return tuple((word, q, cls.ends.get(word, (word,))[0]) for word, q in order)
+
+
 class _Builder:
     """Builder of a network. The order of the sections is such that each section refers to earlier sections only."""
 
@@ -351,9 +358,9 @@ class _Builder:
         required = [word for word in cls.needs if not (word == "shape" and has_table)]
         part_words = part(node, cls.words, f"a {cls.word}", required)
         values: dict[str, Any] = {"shape": AUTO} if has_table else {}
-        for word, q in sorted(cls.words.items(), key=lambda item: item[1].kind == "neurons"):
+        for word, q, argument in _reading_order(cls):
             if word in part_words:
-                values[cls.ends.get(word, (word,))[0]] = self.value(q, word, part_words[word], values)
+                values[argument] = self.value(q, word, part_words[word], values)
         add = self.net.connect if cls is Projection else getattr(self.net, cls.word)
         with about(node):
             add(name=name, **values)
