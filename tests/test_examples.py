@@ -10,7 +10,9 @@ from matplotlib import pyplot
 import neuro
 
 ROOT = Path(__file__).parents[1]
-NEEDS_PACKAGE = {"drone_ppo": "stable_baselines3", "masquelier_thorpe_2007": "sklearn"}
+NEEDS_PACKAGE = {"drone_ppo": "stable_baselines3", "joules_to_learn": "stable_baselines3"} | {
+    "masquelier_thorpe_2007": "sklearn"
+}
 NMNIST = ROOT.parent / "shared" / "data" / "nmnist" / "nmnist_train1000_bin.zip"
 LARVA = ROOT.parent / "shared" / "data" / "connectome" / "larva_winding2023.zip"
 NEEDS_DATA = {"diehl_cook_2015": NMNIST, "larva": LARVA, "masquelier_thorpe_2007": NMNIST}
@@ -18,9 +20,11 @@ ARGUMENTS = {
     "brunel_2000": ["--scale", "0.1", "--ms", "100"],
     "conditioning": ["--seconds", "30"],
     "diehl_cook_2015": [str(NMNIST), "--neurons", "10", "--epochs", "1", "--folds", "1", "--recordings", "2"],
+    "drone_on_chips": ["200"],
     "drone_ppo": ["256"],
     "grid_world": ["--side", "2", "--episodes", "3"],
     "hedonists": ["--trials", "60"],
+    "joules_to_learn": ["20"],
     "larva": [str(LARVA), "--seeds", "2", "--ms", "100"],
     "linear_track": ["--runs", "2"],
     "masquelier_thorpe_2007": [str(NMNIST), "--each", "5"],
@@ -41,7 +45,10 @@ SCRIPTS = [path for path in sorted((ROOT / "examples").glob("*.py")) if path.ste
 """All but that of `test_first_hour.py`."""
 
 
-SLOW = ("diehl_cook_2015", "firing_patterns", "masquelier_thorpe_2007", "neurons", "recognisers", "vogels_abbott_2005")
+SLOW = (
+    *("diehl_cook_2015", "drone_on_chips", "firing_patterns", "joules_to_learn", "masquelier_thorpe_2007", "neurons"),
+    *("recognisers", "vogels_abbott_2005"),
+)
 """Their kernels take seconds to compile, and other tests run what they show."""
 
 
