@@ -366,7 +366,7 @@ def _results(path: Path) -> Path:
     from neuro.core.inputs import existing
     from neuro.core.outputs import kept_parts
 
-    return path if next(kept_parts(path)).exists() else existing(path)
+    return path if path.name and next(kept_parts(path)).exists() else existing(path)
 
 
 File = Annotated[Path, typer.Argument(metavar="FILE", callback=_results, help="Results of 'neuro run'.")]

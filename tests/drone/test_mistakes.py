@@ -65,6 +65,7 @@ def test_calls(tmp_path, messages):
 def test_commands(drone, tmp_path, messages):
     (tmp_path / "bad.yaml").write_text("task: ball\ncamera: {tlt: 60}\n")
     assert drone("train", "--controller", "oracle", "--scenario", "short.yaml", "--out", "oracle.h5")[0] == 0
+    (tmp_path / "model.h5").touch()
     messages(mistakes_of(drone, messages.cases, models=MODELS))
 
 

@@ -1,6 +1,7 @@
 import json
 import pickle
 import re
+from pathlib import Path
 
 from matplotlib.image import imread
 
@@ -56,6 +57,7 @@ def test_files_of_any_format_are_predicted(neuro, folder, model, tmp_path):
 
 
 def test_mistakes_are_one_message(neuro, folder, messages):
+    Path("net.yaml").touch()
     messages(mistakes_of(neuro, messages.cases, folder=folder))
 
 
