@@ -21,10 +21,11 @@ if TYPE_CHECKING:
 class ActorCritic(Learner):
     """A spiking agent, see `Learner` for its arguments and attributes."""
 
+    # The frozen agent of `act`, None until the first call and after each change of the weights.
     _acting: Frozen | Deployed | None = None
 
     def put(self, arrays: Mapping[str, Any]) -> None:
-        """Replace what the agent has learnt by the contents of `arrays`."""
+        """Replace what the agent has learnt by `arrays`, in the form that `arrays()` returns."""
         self._acting = None
         super().put(arrays)
 
@@ -109,10 +110,18 @@ class ActorCritic(Learner):
     def controls(
         self, env: Any, *, steps: int, episodes: int = 100, names: tuple[str, ...] = training.CONTROLS
     ) -> dict[str, Test]:
-        """Train and test untrained copies of the agent that cannot learn, which should fail.
+        """Train and test untrained copies of the agent that cannot learn; their tests should fail.
 
-        The controls are: shuffled, taught by errors of other times; frozen, taught by nothing; random, whose actions
-        are drawn at random; scrambled, whose input neurons (places) are permuted at random at each step.
+        - "shuffled" learns from errors of other times.
+        - "frozen" does not learn.
+        - "random" draws its actions at random.
+        - "scrambled" permutes its input neurons (places) at random at each step.
+
+        Args:
+            env: a gymnasium.Env, or a VectorEnv for the training.
+            steps: control steps of each training.
+            episodes: episodes of each test.
+            names: names of the controls.
 
         Raises:
             ModelError: a name is unknown; or see `train` and `test`.

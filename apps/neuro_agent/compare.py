@@ -32,7 +32,7 @@ Act = Callable[[Any], Any]
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A training and its test.
+    """A training of one method with one seed, and its test.
 
     Attributes:
         name: name of the method, see `NAMES`.
@@ -77,7 +77,7 @@ class Plan:
     Attributes:
         environment, steps, episodes, settings: as for `Trial`.
         seeds: seeds of the trainings.
-        only: names of the methods to compare; all that the environment allows if empty.
+        only: names of the methods to compare; if empty, all methods that the environment allows.
 
     Raises:
         ModelError: a name is unknown, a named method cannot take part, or a seed occurs twice.
@@ -176,7 +176,7 @@ class Comparison:
 
 
 def _refused_observations(space: gymnasium.Space[Any]) -> str:
-    """Return why stable-baselines3 does not support the observations of a space; "" if it does."""
+    """Return the reason why stable-baselines3 does not support the observations of a space; "" if it does."""
     parts = list(space.spaces.values()) if isinstance(space, spaces.Dict) else [space]
     if any(isinstance(part, (spaces.Dict, spaces.Tuple)) for part in parts):
         return "it supports no Tuple of observations, and no Dict in a Dict"
@@ -188,7 +188,7 @@ def _refused_observations(space: gymnasium.Space[Any]) -> str:
 
 
 def _refused_actions(space: gymnasium.Space[Any]) -> str:
-    """Return why stable-baselines3 does not support the actions of a space; "" if it does."""
+    """Return the reason why stable-baselines3 does not support the actions of a space; "" if it does."""
     if isinstance(space, (spaces.MultiDiscrete, spaces.MultiBinary)) and len(space.shape) != 1:
         return "it supports no MultiDiscrete or MultiBinary actions of several dimensions"
     return ""
@@ -236,7 +236,7 @@ def _baseline(trial: Trial, env: gymnasium.Env[Any, Any]) -> tuple[int, Test]:
 
 
 def _test(trial: Trial, env: gymnasium.Env[Any, Any], act: Act) -> Test:
-    """Run the same episodes as `ActorCritic.test`."""
+    """Test a method, given by its function from observation to action, in the episodes of `ActorCritic.test`."""
     returns, lengths = np.zeros(trial.episodes), np.zeros(trial.episodes, dtype=np.int64)
     worlds = Environments(env)
     with worlds.watched():

@@ -17,7 +17,7 @@ from neuro.apps import Log, why
 
 NAMES = {"ppo": "PPO of stable-baselines3, defaults", "dqn": "DQN of stable-baselines3, defaults"}
 ROLLOUT, BATCH = 2048, 64
-"""Defaults of PPO in stable-baselines3: control steps of a rollout, and of a batch."""
+"""Numbers of control steps of a rollout and of a batch, the defaults of PPO in stable-baselines3."""
 WINDOW = 100
 """Number of episodes of the mean return that ends a training."""
 OPTIMISER = 5
@@ -72,7 +72,7 @@ def trained(
     log = Log()
 
     class Until(BaseCallback):
-        """Records the episodes and stops the training at its goal."""
+        """A callback that records the episodes and stops the training at its goal."""
 
         def _on_step(self) -> bool:
             for info in self.locals["infos"]:

@@ -1,4 +1,6 @@
-"""Frozen agents: with the circuits in which they learnt, or for chips with a race to threshold in place of a softmax.
+"""Frozen agents: `Frozen` for backends with random spikes, and `Deployed` for chips.
+
+`Frozen` keeps the circuits in which the agent learnt. `Deployed` has a race to threshold in place of a softmax.
 
 On a chip a control step has two phases. While the active places spike, the potential of each actor approaches the
 preference for its action, less the mean over all actors. Then a ramp of spikes raises all potentials equally until the
@@ -29,7 +31,7 @@ DRAWING = ("event", "reference")
 """Backends with neurons that spike at random."""
 
 RAMP = 24
-"""Ticks in which the ramp rises from 0 to the threshold. Preferences that differ by less than one tick tie."""
+"""Ticks in which the ramp rises from 0 to the threshold. Actors that would spike within the same tick tie."""
 TICKS = STEP + RAMP
 """Ticks of a control step."""
 HOST = ("encode: which place of each grid holds the observation", "decide: which neuron of each circuit spiked first")
@@ -79,13 +81,13 @@ def deployed(agent: Learner) -> neuro.Network:
         net.connect(places, actor, neuro.all_to_all(), weight=weight.ravel(), delay=1.0, name=f"policy{k}")
         net.connect(ramp, actor, neuro.all_to_all(), weight=share * top / RAMP, delay=1.0, name=f"rise{k}")
         if n > 1:
-            other_actors = neuro.all_to_all(autapses=False)
-            net.connect(actor, actor, other_actors, weight=-INHIBITION * top, delay=1.0, name=f"inhibition{k}")
+            to_others = neuro.all_to_all(autapses=False)
+            net.connect(actor, actor, to_others, weight=-INHIBITION * top, delay=1.0, name=f"inhibition{k}")
     return net
 
 
 def _largest(agent: Learner, weight: npt.NDArray[np.float64]) -> float:
-    """Return the largest preference over the last observations, at the time just after each active place spikes."""
+    """Return the potential of the largest preference over the last observations, just after the active places spike."""
     sums = [float((amounts @ weight[cells]).max()) for cells, amounts in map(agent.places.activity, agent.last_vectors)]
     return max(sums) / (1.0 - math.exp(-PERIOD / TAU))
 

@@ -18,7 +18,7 @@ from neuro_agent.files import FORMAT
 
 ATTRIBUTE = "environment"
 MINIGRID = "minigrid"
-"""The package that registers environments as MiniGrid-Empty-5x5-v0 when it is imported."""
+"""Package that registers environments such as MiniGrid-Empty-5x5-v0 when it is imported."""
 
 
 def make(name: str, frames: bool = False) -> gymnasium.Env[Any, Any]:
@@ -66,7 +66,7 @@ def _imported(module: str, name: str) -> Any:
     try:
         imported = importlib.import_module(module)
         file = getattr(imported, "__file__", None) or ""
-        if file and str(Path(file).parent) == folder:  # `neuro rerun` copies it
+        if file and str(Path(file).parent) == folder:  # for `neuro rerun`, which copies the file
             record_input(file)
         return imported
     except ModuleNotFoundError as error:

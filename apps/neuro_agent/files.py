@@ -3,7 +3,7 @@
 ```
 /            attributes: format "neuro agent 1", seed, kind, settings, observations and actions (JSON)
 /learnt      weights by projection, mV, (places, neurons)
-/scales      factor and first of rewards; middle and spread of the dimensions of observations; visits of places
+/scales      scale of rewards (factor, first); middle and spread of each dimension of observations; visits of places
 /seen        observations of the last control steps
 /log         returns, lengths and steps of the episodes of the last training; solved: 1, 0, or -1 without a goal
 ```

@@ -28,10 +28,10 @@ class Learner:
         settings: the settings.
         places: neurons that encode observations.
         states: dimensions of the observations with discrete states.
-        actions: actions that the neurons of the circuits stand for.
-        rewards: scale of rewards.
-        begun: number of episodes and blocks of training so far; each has a seed of its own.
-        explored: whether bounds and scales are known, from random moves or because none are needed.
+        actions: conversion of the neurons that spiked in the circuits to an action of the environment.
+        rewards: scale from the rewards of the environment to those of the network.
+        begun: numbers of episodes and of blocks of training so far; every episode and block has its own seed.
+        explored: whether bounds and scales are known; random moves measure them, if any are needed.
         log: log of the last training.
 
     Raises:
@@ -106,13 +106,13 @@ class Learner:
         return NetworkPilot(self.network(), worlds, backend=self.settings.backend, seed=seed)
 
     def arrays(self) -> dict[str, Any]:
-        """Return everything that the agent has learnt, in the format of pilots."""
+        """Return everything that the agent has learnt, in the format of `NetworkPilot.arrays`."""
         weights = {name: values.ravel() for name, values in self._memory["learnt"].items()}
         parts = {"encoder.places": self._encoder.arrays(), "teacher.error": self._error.arrays()}
         return {**self._memory, "learnt": weights, **parts}
 
     def put(self, arrays: Mapping[str, Any]) -> None:
-        """Restore what the agent has learnt from `arrays`."""
+        """Restore what the agent has learnt from arrays that `arrays()` returned."""
         weights = self._memory["learnt"]
         weights = {name: np.array(arrays["learnt"][name]).reshape(array.shape) for name, array in weights.items()}
         self._memory = {"learnt": weights, "seen": arrays["seen"]}

@@ -36,12 +36,12 @@ class Settings(apps.Settings):
         spikes: "regular", or "poisson" for spikes at random times.
         group: number of dimensions of an observation that one group of places encodes together.
         fields: number of places of a grid, or of bells, along a continuous dimension.
-        active: target number of places that are active at a time. A group has as many grids, each shifted by a share of
-            a field, as bring the total nearest to this number; at least one.
+        active: target number of places that are active at a time. Each group has one grid of places or more, shifted
+            by shares of a field; the number of grids brings the total nearest to `active`.
         critics: number of neurons of the critic.
         levels: number of actions along a dimension of a continuous action space, between which a circuit chooses.
         circuits: number of circuits along a dimension of a continuous action space; the action is their mean choice.
-        reward_scale: value to the critic of receiving the typical reward of random moves in every step for ever.
+        reward_scale: value of a state in which every future step brings the typical reward of random moves.
         discount: discount of the next control step, gamma.
         decay: decay of eligibility per control step besides `discount`, lambda.
         actor_rate: change of the preference for an action in the same state by an error of 1, mV.
@@ -49,7 +49,7 @@ class Settings(apps.Settings):
             places and are smaller with fewer places, see `rates_of`.
         errors: "plain", or "normalised": divided, for the actor, by their running size.
         novelty: reward for a new state, in typical rewards; it falls as 1 / sqrt(number of visits).
-        sharpness: factor of the preferences of a frozen agent, which need not explore.
+        sharpness: factor of the preferences of a frozen agent; above 1 it explores less.
         explore: number of random control steps before learning, which measure the bounds of unbounded dimensions and
             the scale of rewards.
         backend: backend for learning, "event" or "reference"; chips have no neurons that fire at random.
@@ -81,7 +81,7 @@ class Settings(apps.Settings):
         super().__post_init__()
 
     def place(self) -> str:
-        """Return the name of these settings' owner in messages."""
+        """Return the name of the owner of these settings, for messages."""
         return "an agent"
 
     def plain(self) -> dict[str, Any]:
@@ -137,7 +137,7 @@ def network(
     Args:
         settings: settings of the network, its learning and its world.
         places: neurons that encode observations, with their fields.
-        actions: actions that the neurons of the circuits stand for.
+        actions: conversion of the neurons that spiked in the circuits to an action of the environment.
         environment: words of the world's environment.
         weights: weights by projection, mV, (places, neurons).
     """
@@ -209,7 +209,8 @@ def rates_of(settings: Settings, active: int) -> tuple[float, float]:
 def _etas(rates: tuple[float, float], active: int) -> tuple[float, float]:
     """Return the learning rates of the rules in mV, for the actor and the critic.
 
-    The trace of an active place is x = 1 / (1 - exp(-PERIOD / tau)) at a spike and decays; means are over a period.
+    The trace of an active place is x = 1 / (1 - exp(-PERIOD / tau)) at a spike, and decays until the next one. The rates use
+    the means of x and x^2 over a period.
     """
     actor, critic = rates
     x = np.exp(-np.arange(PERIOD) / TAU) / (1.0 - math.exp(-PERIOD / TAU))

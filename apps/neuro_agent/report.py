@@ -48,7 +48,7 @@ def show_controls(tests: Mapping[str, Test], about: str) -> None:
 
 
 def check_table(path: Path) -> None:
-    """Raise an error if no table may be written to a path. Called before long work."""
+    """Raise an error if a table cannot be written to a path, before the trainings begin."""
     check_output(path, TABLE)
 
 

@@ -32,8 +32,8 @@ Ints = npt.NDArray[np.int64]
 BLOCK = 10_000
 """Control steps of an environment per block; then all episodes are cut off and the network restarts at time 0.
 
-What was learnt stays, so weights and counts are all that a resumed training needs. Blocks begin in the same way after
-an interruption, so the results are the same.
+The weights stay, so a resumed training needs only weights and counts. A block begins in the same way after an
+interruption, so the results are the same.
 """
 CONTROLS = ("shuffled", "frozen", "random", "scrambled")
 """Controls: errors of other times, no learning, random actions, places permuted at each step."""
@@ -59,7 +59,7 @@ class Acting:
         self._rng = np.random.default_rng([agent.seed, 1])
         self._taught = pilot.taught["error"].values
         if control in ("frozen", "shuffled"):
-            pilot.taught["error"].values = self._others
+            pilot.taught["error"].values = self._control_errors
         if control == "scrambled":
             encoder = pilot.encoders["places"]
             encoder.fields = _Scrambled(encoder.fields, self._rng)
@@ -81,12 +81,12 @@ class Acting:
             return self._agent.actions.of(np.stack(draws, axis=1))
         return actions
 
-    def _others(self, moment: Moment) -> Floats:
+    def _control_errors(self, moment: Moment) -> Floats:
         """Return the errors of a control."""
         errors: Floats = self._taught(moment)
         if self._control == "frozen":
             return np.zeros_like(errors)
-        # The set is fixed, because errors of the last steps would tell how well the agent does, and so teach it.
+        # The set of errors is fixed. Errors of the last steps show how well the agent does, so they would teach it.
         if self._errors.size < KEPT:
             self._errors = np.append(self._errors, errors)
         return self._rng.choice(self._errors, errors.shape)
@@ -128,19 +128,19 @@ class _Frozen:
     """A frozen agent as the pilot of a closed loop."""
 
     def __init__(self, agent: Learner, create: Callable[[], Any]) -> None:
-        self._agent, self._made = agent, create
+        self._agent, self._create = agent, create
 
     def begin(self, copies: int, block: int) -> None:
         """Make the frozen agent."""
-        self._decides = self._made()
+        self._frozen = self._create()
 
     def act(self, observations: Floats, infos: Any) -> npt.NDArray[Any]:
         """Choose actions."""
-        return self._agent.actions.of(self._decides.decide(observations))
+        return self._agent.actions.of(self._frozen.decide(observations))
 
 
 def loop_of(agent: Learner, worlds: Environments, control: str = "") -> ClosedLoop:
-    """Return the closed loop in which an agent learns on from what it has learnt."""
+    """Return the closed loop in which an agent continues to learn from its present weights."""
     pilot: Any = Acting(agent, agent.pilot(worlds, agent.seed), control)
     pilot.put(agent.arrays())
     loop = ClosedLoop(pilot, worlds, step=STEP, seed=agent.seed, explore=agent.settings.explore, block=BLOCK)
@@ -149,7 +149,7 @@ def loop_of(agent: Learner, worlds: Environments, control: str = "") -> ClosedLo
 
 
 def fitting(agent: Learner, env: Any, patience: float) -> Environments:
-    """Return the environments; refuse spaces other than the agent's."""
+    """Return the environments after a check that their spaces equal the agent's."""
     worlds = Environments(env, patience)
     for name, expected, actual in (
         ("observations", agent.observations, worlds.observations),

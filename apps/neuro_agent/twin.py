@@ -68,6 +68,9 @@ class _Pilot:
         counts: values of the last control step, in place of the critic's spikes, (copies, 1).
     """
 
+    # _w: weights, (places, 1 + choices); column 0 is the critic's. _z: eligibility of _w, one array for each copy.
+    # _e: active places of the last step and their part of the eligibility, for each copy.
+
     def __init__(self, twin: LinearTwin, seed: int) -> None:
         world = twin.network().world_section
         assert world is not None
@@ -78,8 +81,9 @@ class _Pilot:
         self.taught["error"].join(self.encoders)
         s, active = twin.settings, twin.places.active
         actor, critic = rates_of(s, active)
-        self._critic = np.eye(1, 1 + sum(twin.actions.sizes))[0]  # rates of each column
-        self._critic, self._actor = critic / active * self._critic, actor / active * (1.0 - self._critic)
+        is_critic = np.eye(1, 1 + sum(twin.actions.sizes))[0]
+        # Learning rates by column of _w.
+        self._critic, self._actor = critic / active * is_critic, actor / active * (1.0 - is_critic)
 
     def begin(self, copies: int, block: int) -> None:
         """Begin a block with everything learnt so far."""

@@ -32,7 +32,7 @@ PAGE = sealed(
     "a page of 'neuro agent watch'", '<meta name="generator" content="neuro agent watch">', "<!-- digest {} -->"
 )
 FRAMES = 300
-"""Maximum number of frames of a page; in longer episodes every 2nd, 4th ... control step has one."""
+"""Maximum number of frames of a page; in longer episodes only every 2nd, 4th ... control step has a frame."""
 WIDTH = 420
 """Longer side of a frame, px."""
 STEPS = 5000
@@ -40,7 +40,7 @@ STEPS = 5000
 COLUMNS = 1024
 """Maximum number of columns of the picture of weights; places that share a column show the largest weight."""
 MOMENTS = 40
-"""Maximum number of pictures of the weights of an episode with learning."""
+"""Maximum number of pictures of the weights in an episode with learning."""
 
 EDGE = 92
 """Width of the labels beside drawings, px."""
@@ -59,9 +59,9 @@ class Episode:
         places: active places.
         critic: spikes of each neuron of the critic.
         winners: neuron of each circuit that spiked.
-        chances: probability of each actor to spike, concatenated over the circuits.
+        chances: probability that an actor spikes, for each actor of all circuits.
         values: value by the critic, in the unit of rewards.
-        errors: error of the last move, in the unit of rewards; NaN in the first entry.
+        errors: temporal-difference error of the last move, in the unit of rewards; NaN in the first entry.
         rewards: reward of the last move; 0 in the first entry.
         frames: pictures by control step, empty if there are none.
         blank: reason why there are no frames.
@@ -121,7 +121,7 @@ def watch(agent: Learner, env: Any, path: str | PathLike[str], seed: int = 0, *,
 
 
 def played(agent: Learner, env: Any, seed: int = 0, learning: bool = False) -> Episode:
-    """Play an episode, frozen with values from a copy of the learning network, or with learning."""
+    """Play an episode. A frozen agent acts without learning, and a copy of its learning network gives the values."""
     worlds = fitting(agent, env, 60.0)
     if worlds.n != 1:
         raise ModelError(f"watch: a vector of {worlds.n} environments: expected one", hint="gymnasium.make")
@@ -201,7 +201,7 @@ def _store_evenly(items: dict[int, Any], k: int, item: Any, most: int) -> None:
 
 
 class _Camera:
-    """Takes small pictures of an environment that renders.
+    """A camera that takes small pictures of an environment that renders.
 
     Attributes:
         blank: reason why there are no pictures.
@@ -408,7 +408,7 @@ def _weights(agent: Learner, episode: Episode) -> player.Panel:
 
 
 def _labels(agent: Learner) -> list[list[str]]:
-    """Return the actions that the neurons of each circuit stand for."""
+    """Return the labels of the actions of each circuit, one for each neuron."""
     actions = agent.actions
     if actions.values:
         return [[f"{value:.3g}" for value in values] for values in actions.values]

@@ -18,17 +18,17 @@ from neuro_doctor.structure import can_fire_alone, is_end
 from neuro_doctor.wiring import Ints, Wiring
 
 CEILING, RUNAWAY = 0.7, 0.5
-"""Shares of the highest possible rate that are faults: of any population, and of one that excites itself.
+"""Share of the highest possible rate that is a fault: for any population, and for a population that excites itself.
 
-At the first share a neuron gets 13 times the input that makes it fire (tau_m 10 ms, t_ref 2 ms), and doubling the input
-adds a tenth. No cortical rhythm is near the second.
+At CEILING a neuron (tau_m 10 ms, t_ref 2 ms) gets 13 times the input that makes it fire, and twice this input raises
+its rate by only a tenth. No cortical rhythm comes near RUNAWAY.
 """
 ALONE = 0.5
-"""Share of a rate above which a constant current that causes it alone is reported as the cause."""
+"""Least share of a rate that a constant current must cause alone to be reported as the cause."""
 SLOW_HZ = 50.0
 """Least rate that is reported as a ceiling, Hz: neurons with a long t_ref may answer once to each of several inputs."""
 DEAD = 0.25
-"""Share of silent outputs that is reported. With random weights around 0, some outputs have no net excitation."""
+"""Least share of silent neurons of an output that is reported. Weights drawn around 0 do not excite some neurons."""
 
 
 def findings(wiring: Wiring, run: Observation) -> Iterator[Finding]:
@@ -103,6 +103,7 @@ def ceiling_hz(part: Population, h: float) -> float:
 
 
 def _fast(wiring: Wiring, run: Observation, k: int) -> Iterator[Finding]:
+    """Yield a finding about a rate near the highest possible rate, with its cause."""
     part = run.program.populations[k]
     if not isinstance(part.model, Neuron) or part.model.relay or part.model.chip or part.model.most:
         return
@@ -114,11 +115,11 @@ def _fast(wiring: Wiring, run: Observation, k: int) -> Iterator[Finding]:
     feedback = wiring.excites_itself(k)
     if rate < max((RUNAWAY if feedback else CEILING) * limit, SLOW_HZ):
         return
-    fires = f"the mean rate of {some(part.size, 'neuron')} is {rate:.3g} Hz"
+    rate_text = f"the mean rate of {some(part.size, 'neuron')} is {rate:.3g} Hz"
     h = run.program.resolution
-    allows = "t_ref allows" if limit < min(999.0 / h, FAST_HZ) else f"one spike in each step of {h:g} ms allows"
-    allows = "no neuron exceeds" if limit == FAST_HZ < 999.0 / h else allows
-    evidence = f"{fires}, {rate / limit:.0%} of the {limit:,.0f} Hz that {allows}"
+    limit_text = "t_ref allows" if limit < min(999.0 / h, FAST_HZ) else f"one spike in each step of {h:g} ms allows"
+    limit_text = "no neuron exceeds" if limit == FAST_HZ < 999.0 / h else limit_text
+    evidence = f"{rate_text}, {rate / limit:.0%} of the {limit:,.0f} Hz that {limit_text}"
     if current_finding := _alone(wiring, k, rate):
         yield fault("ceiling", part, f"{evidence}; {current_finding[0]}", current_finding[1], part.name)
     elif feedback:
@@ -171,6 +172,7 @@ def _reduction(wiring: Wiring, run: Observation, k: int) -> str:
 
 
 def _copies(wiring: Wiring, run: Observation, k: int) -> Iterator[Finding]:
+    """Yield a finding if all sampled neurons of a population fired the same spikes."""
     if not is_copied(run, k):
         return
     part, s = run.program.populations[k], run.populations[k]
@@ -193,7 +195,7 @@ def _dead(wiring: Wiring, run: Observation, k: int) -> Iterator[Finding]:
     dead = np.flatnonzero((spikes == 0) & (True if inputs is None else inputs > 0))
     silent = dead.size
     mean_spikes = float(spikes[spikes > 0].mean())
-    if mean_spikes < 10.0 or silent < DEAD * part.size:  # of 10 spikes expected, none is a chance of 1 in 20,000
+    if mean_spikes < 10.0 or silent < DEAD * part.size:  # at 10 expected spikes, P(no spike) = 1 / 20,000
         return
     evidence = f"{silent:,} of {some(part.size, 'neuron')} never fired, the others {mean_spikes:.3g} times each"
     ids, fire = ", ".join(map(str, dead[:5])), spikes > 0
@@ -213,13 +215,15 @@ NEARLY = 0.9
 SHORT_MS = 100.0
 """Shortest run in which silence is a fault, ms: at 10 Hz a spike comes every 100 ms."""
 EARLY, FADED, KEPT = 10, 0.02, 0.5
-"""Limits of "falls-silent": least spikes in the first third of the run, largest share of them in the last third, and
-least share of spikes that each input keeps. With 10 expected spikes, none has a probability of 1 in 20,000."""
+"""Limits of "falls-silent". EARLY: least number of spikes in the first third of the run. FADED: largest number in the
+last third, as a share of the first. KEPT: the same share for each input, at least. If 10 spikes are expected, the
+probability of no spike is 1 in 20,000."""
 WITHERED, WITHERED_HZ = 0.2, 1.0
-"""Largest share in the last third and largest rate, Hz, if learning weakened the inputs, since learning continues."""
+"""Limits in place of FADED if learning weakened the inputs: largest share and largest rate, Hz, of spikes in the last
+third. Some spikes may remain there, since learning continues."""
 DEPLETED, SHRUNK = 0.5, 0.75
-"""Largest remaining share of a synapse under short-term depression, and of mean weights after learning, that explains
-silence."""
+"""Silence is explained if less than this share remains of a synapse under short-term depression (DEPLETED), or of the
+mean weight after learning (SHRUNK)."""
 
 
 class Silence:
@@ -266,9 +270,8 @@ class Silence:
             cause = f": learning brought the mean weight of {self.wiring.names(shrunk)} from {begin:.3g} to {end:.3g}"
             remedy = f"{balanced(self.program.projections[shrunk[0]], grows=False)}, or lower the learning rate"
         elif inhibit and not cause:
-            if not n_last and not reached & {
-                self.program.projections[q].source for q in inhibit
-            }:  # not a loop that settles
+            # Inhibition that the population itself causes only ends a transient, so it is not reported.
+            if not n_last and not reached & {self.program.projections[q].source for q in inhibit}:
                 yield self._inhibited(k, "falls-silent", evidence, inhibit)
             return
         elif not cause:
@@ -301,6 +304,7 @@ class Silence:
         return "", ""
 
     def _inhibited(self, k: int, name: str, evidence: str, inhibit: list[int]) -> Finding:
+        """Return a finding about a population that some inhibitory projections silence."""
         sources = {self.program.projections[q].source for q in inhibit}
         inhibited = {self.program.projections[q].target for q in self.wiring.out_of(k) if self.wiring.pushes(q)[1]}
         # Of populations that inhibit each other, one may lose the competition.
@@ -338,12 +342,13 @@ class Silence:
         yield replace(result, severity="warning") if nearly else result
 
     def _silent(self, k: int, part: Population, evidence: str, times: str) -> Finding:
+        """Return the finding "silent"; `times` is the text of the factor for the weights, or ""."""
         # A stimulated output whose states are recorded may stay below its threshold on purpose.
         sources = {self.program.projections[q].source for q in self.wiring.onto(k)}
         stimuli = all(self.program.populations[j].kind == "listed" for j in sources)
         probed = any(p.population == k and p.record not in ("spikes", "rate") for p in self.program.probes)
         severity = "note" if probed and stimuli and not self.wiring.out_of(k) else "fault"
-        # Recurrent weights are no remedy: no effect before the first spike, and too much after it.
+        # Recurrent weights are no remedy: they have no effect before the first spike, and too much after it.
         active = [q for q in self.wiring.onto(k) if self.program.projections[q].source not in self.silent]
         inputs = [q for q in active if self.wiring.may_excite(q)] + self.wiring.onto(k, "current")
         slow = {j for j in (self.program.projections[q].source for q in inputs) if self.run.rate(j) < WITHERED_HZ}
@@ -361,7 +366,7 @@ class Silence:
         return finding("silent", severity, part, evidence, remedy, part.name, *shows)
 
     def _silenced(self, k: int) -> str:
-        """Return the part of a message about populations that get no spikes because a population is silent."""
+        """Return the part of a message about populations that get no spikes because this one is silent."""
         unreached = (self.wiring.reached([k]) - {k} - self.receiving) & self.silent
         names = ", ".join(f"'{self.program.populations[j].name}'" for j in sorted(unreached)[:5])
         return f", so nothing reaches {names}" if names else ""
@@ -382,21 +387,21 @@ VOLLEY = 0.5
 WIDTHS_MS = (1.0, 2.0, 5.0, 10.0, 20.0)
 """Durations of volleys that are searched, ms: 1 with equal delays, longer with spread delays and slow inputs."""
 IN_VOLLEYS, MORE = 0.7, 0.3
-"""Least share of spikes in volleys of synchronous activity, and its least excess over the volleys' share of time. Gamma
-rhythms of balanced networks have volleys of a few percent of the neurons."""
+"""In synchronous activity volleys have at least the share IN_VOLLEYS of the spikes. This share exceeds the volleys'
+share of the time by at least MORE. Gamma rhythms of balanced networks have volleys of a few percent of the neurons."""
 LOOP = 0.1
 """Least recurrent excitation by one spike of each neuron, as a share of the distance to the threshold. With less,
-inhibition makes the rhythm."""
+the rhythm is due to inhibition."""
 COLLECTIVE = 3.0
 """Least variance over mean of the spikes per step of synchronous neurons; independent neurons have at most 1."""
 FEW_STEPS, FAST = 4, 0.8
-"""Longest period that is due to the resolution, steps (delay and reset take one step each), and its least share of the
-variance."""
+"""FEW_STEPS: longest period that is due to the resolution, steps; delay and reset take one step each. FAST: least share
+of the variance at such periods."""
 
 NOISE_HZ = 200.0
 """Least rate of a generator neuron that represents the noise of many neurons, not a common stimulus."""
 MAIN = 0.5
-"""Least share of the excitation of a main input."""
+"""Least share of the excitation that a main input causes."""
 
 
 def synchrony_findings(wiring: Wiring, run: Observation, k: int) -> Iterator[Finding]:
@@ -433,7 +438,9 @@ def synchrony_findings(wiring: Wiring, run: Observation, k: int) -> Iterator[Fin
 
 
 def _volleys(bins: Ints, active: int, width: int) -> tuple[Ints, float, int] | None:
-    """Return the first bins of volleys of a width, the share of spikes in them, and the width; None if not synchronous.
+    """Find volleys of a width: return their first bins, their share of all spikes, and the width.
+
+    The result is None if the activity is not synchronous.
 
     Args:
         bins: spikes per bin.
@@ -451,14 +458,14 @@ def _volleys(bins: Ints, active: int, width: int) -> tuple[Ints, float, int] | N
 
 
 def _comes_back(wiring: Wiring, k: int) -> bool:
-    """Return whether spikes of a population have an effect on itself."""
+    """Return whether spikes of a population have an effect on it, directly or through other populations."""
     return any(wiring.program.projections[q].source in wiring.reached([k], excite=False) for q in wiring.onto(k))
 
 
-def _alternates(run: Observation, k: int, back: bool) -> Iterator[Finding]:
+def _alternates(run: Observation, k: int, returns: bool) -> Iterator[Finding]:
     """Yield a finding about a rhythm of a few steps in a recurrent population, which is due to the resolution."""
     part, s, h = run.program.populations[k], run.populations[k], run.program.resolution
-    if not back or s.ids.size < CROWD or is_copied(run, k) or run.steps < 100:
+    if not returns or s.ids.size < CROWD or is_copied(run, k) or run.steps < 100:
         return
     steps = s.bins if run.bin == 1 else np.bincount(s.steps, minlength=run.steps + 1)[1:]
     if steps.mean() == 0.0 or steps.var() < COLLECTIVE * steps.mean():
@@ -501,7 +508,7 @@ def is_copied(run: Observation, k: int) -> bool:
     if s.ids.size < 2 or s.steps.size < 3 * s.ids.size or s.steps.size % s.ids.size:
         return False
     if np.any(np.diff(s.spikes[s.ids])):
-        return False  # the numbers of spikes per step differ
+        return False  # the neurons fired different numbers of spikes
     trains = np.sort(s.steps * s.ids.size + s.rows).reshape(-1, s.ids.size)
     return bool(
         (trains % s.ids.size == np.arange(s.ids.size)).all()

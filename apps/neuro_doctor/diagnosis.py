@@ -107,7 +107,7 @@ def _raster(run: Observation, indices: list[int]) -> Iterator[html.Html]:
 
 
 MOST_ALIKE = 4
-"""Most findings of one name that are printed in full."""
+"""Largest number of findings with the same name that are printed in full."""
 COLUMNS = (*_HEADS, "found", "remedy")
 
 
@@ -148,7 +148,7 @@ class Diagnosis:
         return "\n".join([*self._lines(), self.about, self.verdict])
 
     def _lines(self) -> Iterator[str]:
-        """Yield the first findings of each name in full, and the parts of the others."""
+        """Yield the first findings of each name in full, and one line with the parts of the others."""
         groups: dict[tuple[str, str], list[Finding]] = {}
         for finding in self.findings:
             groups.setdefault((finding.severity, finding.name), []).append(finding)
@@ -177,7 +177,7 @@ class Diagnosis:
 
 
 def sort_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Sort findings by severity, else in their order, with only the first of the same name about the same part."""
+    """Sort findings by severity; of several with the same name about the same part, only the first remains."""
     first: dict[tuple[str, str], Finding] = {}
     for finding in findings:
         first.setdefault((finding.name, finding.what), finding)

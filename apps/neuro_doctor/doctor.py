@@ -86,7 +86,7 @@ def doctor(
 
 
 def add_world_findings(diagnosis: Diagnosis, net: Network, options: Options, seed: int) -> Diagnosis:
-    """Add the findings of a short run in the network's world, and drop those that the world resolves."""
+    """Add the findings of a short run in the network's world, and drop the findings that the world resolves."""
     if net.world_section is None:
         return diagnosis
     from neuro_doctor import world
@@ -163,11 +163,11 @@ def examine(program: Program, options: Options) -> Diagnosis:
     # Initial states or a model's dynamics can make neurons fire against a check of the description: the run decides.
     findings = [f for f in findings if f.name not in ("cannot-fire", "no-path") or f.what not in fired]
     findings += structure.isolated_outputs(wiring)
-    acts = list(activity.findings(wiring, run))
-    # "silent" uses the true rates of the inputs, "cannot-fire" assumes a spike in every step: keep only the former.
-    silent = {f.what for f in acts if f.name == "silent" and f.severity == "fault"}
+    activity_findings = list(activity.findings(wiring, run))
+    # "silent" uses the true rates of the inputs, "cannot-fire" assumes a spike in every step: only "silent" stays.
+    silent = {f.what for f in activity_findings if f.name == "silent" and f.severity == "fault"}
     findings = [f for f in findings if f.name != "cannot-fire" or f.what not in silent]
-    findings += [*acts, *learning.findings(wiring, run, options.ran, options.steered)]
+    findings += [*activity_findings, *learning.findings(wiring, run, options.ran, options.steered)]
     if options.chip is not None or options.train:
         from neuro_doctor import on_request
 
@@ -180,7 +180,7 @@ def examine(program: Program, options: Options) -> Diagnosis:
 
 
 def _works(wiring: Wiring, run: Observation) -> bool:
-    """Return whether an output fired, or any population if there is no output. Runs below `SHORT_MS` always pass."""
+    """Return whether an output fired, or any population if there is no output. True for runs shorter than SHORT_MS."""
     neurons = [k for k, part in enumerate(run.program.populations) if part.kind == "neuron"]
     ends = [k for k in neurons if structure.is_end(wiring, k)] or neurons
     return run.ms < SHORT_MS or not ends or any(run.populations[k].spikes.any() for k in ends)

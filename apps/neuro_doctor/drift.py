@@ -20,7 +20,7 @@ from neuro_doctor.wiring import Wiring
 Floats = NDArray[np.float64]
 
 EARLY, EARLY_AT_MOST = 0.25, 0.58
-"""Lower and upper share of the way from chance to 100 % that decisions reach before epsilon has raised the weights.
+"""Range of the share of right decisions before epsilon has raised the weights: 0 is chance, 1 is 100 %.
 
 ReMuS on N-MNIST reaches 0.24 to 0.27 in the first 1000 trials at a threshold of 30, and 0.37 to 0.58 at 60, depending
 on the recordings: docs/explanation/recognisers.md.
@@ -105,9 +105,8 @@ class Drift:
             grown: share of the trials in which epsilon is added, see `Shares`.
         """
         w = np.asarray(weight, dtype=np.float64)
-        factor = np.where(
-            w > 0.5, w * (1.0 - w), 0.25
-        )  # a weight below 1/2 passes w = 1/2, where the push is strongest
+        # A weight below 1/2 passes w = 1/2, where the push is strongest.
+        factor = np.where(w > 0.5, w * (1.0 - w), 0.25)
         epsilon: Floats = np.maximum(-self.push, 0.0) * factor / np.asarray(grown, dtype=np.float64)
         return epsilon
 
@@ -146,8 +145,8 @@ def shares_of(
         Shares in the shape of the kernels, (maps, channels, height, width).
 
     Raises:
-        ModelError: the projection is no such grid, or does not learn by `r_stdp` without `rescue`: results do not name
-            rescued neurons.
+        ModelError: the projection is no such grid, does not learn by `r_stdp`, or learns with `rescue`, since results
+            do not name rescued neurons.
     """
     program = sim.program
     part = next((p for p in program.projections if p.name == projection), None)
@@ -161,19 +160,19 @@ def shares_of(
     maps, _, height, width = grid.kernels
     counts = np.zeros((2, 3, *grid.kernels))
     grown = np.zeros(maps)
-    sheet = np.empty(program.populations[part.source].size)
+    arrivals = np.empty(program.populations[part.source].size)
     for k, label in enumerate(np.asarray(labels).tolist()):
         winner, hit = int(results.winner[k]), int(results.label[k]) == label
         if not hit:
             grown[label * trials.maps_per_label : (label + 1) * trials.maps_per_label] += 1.0
         if winner < 0 or trials.reward[0 if hit else 1] == 0.0:
             continue
-        sheet.fill(np.inf)
+        arrivals.fill(np.inf)
         span = slice(starts[k], starts[k + 1])
-        np.minimum.at(sheet, np.asarray(ids)[span], steps[span] + int(part.delay[0]))
+        np.minimum.at(arrivals, np.asarray(ids)[span], steps[span] + int(part.delay[0]))
         winning_map, position = divmod(winner, grid.rows * grid.columns)
         y, x = (grid.stride * side for side in divmod(position, grid.columns))
-        field = sheet.reshape(grid.channels, grid.height, grid.width)[:, y : y + height, x : x + width]
+        field = arrivals.reshape(grid.channels, grid.height, grid.width)[:, y : y + height, x : x + width]
         order = 1 + np.sign(field - results.step[k]).astype(np.int64)
         punished = int(trials.reward[0 if hit else 1] < 0.0)
         np.add.at(counts, (punished, order, winning_map, *np.indices(field.shape)), 1.0)
@@ -206,14 +205,14 @@ def sufficient_epsilon(rule: neuro.r_stdp, weight: Floats, before: float, per_la
     return max(0.0, -right * share / (1.0 - share) - wrong)
 
 
-def _outcome_drifts(rule: neuro.r_stdp, epsilon: float) -> list[Drift]:
-    """Return the drift in a rewarded trial, and in a punished trial."""
-    shares, zeros = np.array([epsilon, 0.0, 1.0 - epsilon]), np.zeros(3)
+def _outcome_drifts(rule: neuro.r_stdp, before: float) -> list[Drift]:
+    """Return the drift in a rewarded trial, and in a punished trial; `before` as for `required_share`."""
+    shares, zeros = np.array([before, 0.0, 1.0 - before]), np.zeros(3)
     return [drift_of(rule, Shares(*arguments)) for arguments in ((shares, zeros, zeros[0]), (zeros, shares, zeros[0]))]
 
 
 def findings(wiring: Wiring) -> Iterator[Finding]:
-    """Yield findings about maps that stay silent and weights that epsilon drives to Wmax, before a run."""
+    """Yield findings, from the description, about maps that become silent and weights that epsilon drives to Wmax."""
     program, trials = wiring.program, wiring.program.trials
     if trials is None or not 0 < trials.maps_per_label < trials.maps or not trials.reward[0] > 0.0 > trials.reward[1]:
         return
@@ -224,10 +223,13 @@ def findings(wiring: Wiring) -> Iterator[Finding]:
         if not isinstance(rule, neuro.r_stdp) or rule.rescue or cell is None:
             continue
         if rule.epsilon == 0.0:
-            if rule.Ap_minus < 0.0 < rule.Ar_plus and (alive := rule.Ap_minus / (rule.Ap_minus - rule.Ar_plus)) > limit:
+            if (
+                rule.Ap_minus < 0.0 < rule.Ar_plus
+                and (least_right := rule.Ap_minus / (rule.Ap_minus - rule.Ar_plus)) > limit
+            ):
                 evidence = (
-                    f"inputs that bring a map to its decision lose weight unless {alive:.0%} of its decisions are "
-                    "right; with epsilon = 0 and without rescue a map that has become silent is not taught any more"
+                    f"inputs that bring a map to its decision lose weight unless {least_right:.0%} of its decisions "
+                    "are right; with epsilon = 0 and without rescue a map that has become silent is not taught any more"
                 )
                 yield warning("maps-die", part, evidence, "set epsilon to 0.0002 or rescue: true, or lower -Ap_minus")
             continue

@@ -22,7 +22,8 @@ NEAR = 0.05
 AT_ONE = 0.25
 """Share of weights at one bound after a short run that is a warning, if at most a third of them began there."""
 AT_BOTH, SPREAD, QUICK_MS = 0.3, 2.0, 5000.0
-"""Limits of too fast a division: share of weights at either bound, growth of their deviation, longest run in ms."""
+"""Limits of the finding that weights divide between the bounds too fast: least share of weights at the bounds, least
+growth of their standard deviation, longest run in ms."""
 ONE_WAY = 0.99
 """Share of changes of one sign above which a rule counts as one-way."""
 SPENT = 0.25
@@ -72,13 +73,13 @@ def _unset_signal(run: Observation, part: Projection, ran: float) -> Finding:
 
 
 def _dopamine(run: Observation, part: Projection, record: LearningRecord) -> Iterator[Finding]:
-    releases = run.program.populations[part.dopamine]
+    source = run.program.populations[part.dopamine]
     if part.dopamine in run.idle - run.driven:
         return
     if not run.populations[part.dopamine].spikes.any():
-        evidence = f"'{releases.name}', which releases its dopamine, fired 0 spikes in {run.ms:g} ms: n stayed at 0"
-        remedy = f"make '{releases.name}' fire: give it an input, spikes or a rate"
-        yield fault("no-dopamine", part, evidence, remedy, releases.name)
+        evidence = f"'{source.name}', which releases its dopamine, fired 0 spikes in {run.ms:g} ms: n stayed at 0"
+        remedy = f"make '{source.name}' fire: give it an input, spikes or a rate"
+        yield fault("no-dopamine", part, evidence, remedy, source.name)
         return
     c, n = record.eligibility, record.modulator
     if not c.size or c.max() == 0.0 or n.max() == 0.0:
@@ -96,6 +97,7 @@ def _dopamine(run: Observation, part: Projection, record: LearningRecord) -> Ite
 
 
 def _bounds(part: Projection, record: LearningRecord, run: Observation) -> Iterator[Finding]:
+    """Yield findings about weights that end at a bound, or that change in one direction."""
     low, high = (np.broadcast_to(end, record.last.shape) for end in part.synapse.bounds())
     w = record.last
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
@@ -147,7 +149,7 @@ def _divided(part: Projection, record: LearningRecord, top: Flags, bottom: Flags
 
 
 def balanced(part: Projection, grows: bool) -> str:
-    """Return the change of a rule's parameters towards depression if weights grow, else towards potentiation.
+    """Return a remedy that shifts a rule towards depression if weights grow, else towards potentiation.
 
     E.g. "raise A_minus or lower A_plus" for weights that grow.
     """

@@ -19,9 +19,10 @@ READS = 200
 BRIEF = 0.01
 """Share of the run below which a generator counts as brief, e.g. since its `stop` is in seconds instead of ms."""
 UNEVEN = 3.0
-"""Ratio above which activity varies: variance over mean of the spikes between readings. Independent neurons: <= 1."""
+"""Least ratio of variance to mean, of the spikes between readings, at which activity varies in time. The ratio of
+independent neurons is at most 1."""
 FEW = 0.5
-"""Mean spikes per neuron below which a brief input is not a volley that starts a network."""
+"""Mean spikes per neuron above which a brief input is a volley that starts the network, so it is not reported."""
 BIN_MS = 1.0
 """Width of the bins of spike counts, ms, at least one step; a volley through equal delays fits into one bin."""
 
@@ -31,10 +32,10 @@ class PopulationRecord:
     """The record of a population.
 
     Attributes:
-        spikes, events: spikes of each neuron; in `events` several spikes in one step count once.
-        bins: spikes in each bin of time.
+        spikes, events: number of spikes of each neuron; in `events` several spikes in one step count once.
+        bins: number of spikes of the population in each bin of time.
         ids: the sampled neurons.
-        steps, rows: spikes of the sampled neurons: the step, and the index in `ids`.
+        steps, rows: step of each spike of the sampled neurons, and the index of its neuron in `ids`.
         potentials: V_m of the sampled neurons at each reading, (readings, neurons), mV; empty without V_m.
     """
 
@@ -52,8 +53,10 @@ class LearningRecord:
     """The record of a projection that learns.
 
     Attributes:
-        first, last: weights at the beginning and at the end of the run; delays, ms, if the rule learns delays.
-        eligibility, modulator: largest magnitude over the synapses at each reading; empty if the rule has none.
+        first, last: weights of the synapses at the beginning and at the end of the run; delays, ms, if the rule learns
+            delays.
+        eligibility, modulator: largest magnitude over the synapses at each reading, (readings,); empty if the rule has
+            no eligibility.
         product: largest magnitude of eligibility * modulator over the synapses at each reading.
     """
 
@@ -70,7 +73,7 @@ class Observation:
 
     Attributes:
         program: the program.
-        steps: completed steps; `max_steps` are the requested ones.
+        steps, max_steps: completed steps, and requested steps.
         bin: steps per bin.
         populations: records of the populations.
         learning: records of the projections that learn, by index of the projection.
@@ -80,7 +83,8 @@ class Observation:
         counts: counts of the engine.
         drive: rate of the driven generators, Hz.
         course: spikes of each population between two readings, (readings, populations).
-        all_spikes: steps and neurons of all spikes, each once per step, of the requested populations.
+        all_spikes: steps and neurons of all spikes, by population, for the populations in `keep` of `observe`; several
+            spikes of a neuron in one step are listed once.
     """
 
     program: Program
@@ -166,7 +170,7 @@ def observe(
 
 
 class _Watch:
-    """Feeds an engine with input and records its activity."""
+    """A recorder that feeds an engine with input and reads its activity, see `observe`."""
 
     def __init__(self, engine: Engine, program: Program, max_steps: int, drive: float, keep: Iterable[int]) -> None:
         self.engine, self.program, self.max_steps, self.drive = engine, program, max_steps, drive

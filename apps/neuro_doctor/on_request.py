@@ -19,8 +19,8 @@ from neuro_doctor.structure import is_end
 from neuro_doctor.wiring import Wiring
 
 ERASED, FEW = 0.1, 0.01
-"""Least share of erased weights or merged spikes that is a fault, and least share that is reported. Losing a tenth of
-the input changes a mean rate by about a tenth, and may change decisions."""
+"""Least share of erased weights or merged spikes that is a fault (ERASED), and that is reported (FEW). The loss of a
+tenth of the input changes a mean rate by about a tenth, and may change decisions."""
 MOST_RATIO = 2.0
 """Largest accepted ratio of the mean rates on the chip and in floats."""
 SPIKES = 20
@@ -48,7 +48,7 @@ def chip_findings(wiring: Wiring, run: Observation, name: str) -> Iterator[Findi
     measured_parts = {problem.what for problem in measured}
     problems = _problems(program, chip)
     for problem in problems:
-        # A problem that the run measured is not reported again from the computation.
+        # A part with a measured problem does not get a second finding from the estimate.
         if problem.refused or problem.what.partition(":")[0] not in measured_parts:
             yield _problem(problem, chip)
     if not any(problem.refused for problem in problems):
@@ -97,8 +97,8 @@ def _merged(program: Program, chip: Chip, run: Observation) -> Iterator[Finding]
 
 def _lost(run: Observation) -> dict[int, float]:
     """Return the share of spikes that each population loses if the spikes of a neuron in a step merge."""
-    sums = {k: (int(s.events.sum()), int(s.spikes.sum())) for k, s in enumerate(run.populations)}
-    return {k: 1.0 - events / spikes for k, (events, spikes) in sums.items() if events < spikes}
+    totals = {k: (int(s.events.sum()), int(s.spikes.sum())) for k, s in enumerate(run.populations)}
+    return {k: 1.0 - events / spikes for k, (events, spikes) in totals.items() if events < spikes}
 
 
 def _merged_rates(program: Program, run: Observation) -> list[float]:
@@ -178,7 +178,7 @@ MOST_GRADIENT = 1e2
 """Largest gradient of a layer, relative to the gradient at the outputs. With a larger one a step overshoots."""
 MOST_GROWTH = 1e3
 """Largest growth of a gradient through recurrence. Compared with torch's gradients of 40 recurrent neurons over 20
-steps, this estimate begins to grow at the same weights, and is 10 to 20 times too large above."""
+steps, this estimate begins to grow at the same weights, and is 10 to 20 times too large at larger weights."""
 WINDOW_MS = 100.0
 """Duration of a recording through which gradients go back in time, ms; N-MNIST's saccades have 105 ms."""
 
@@ -226,14 +226,14 @@ def gradient_findings(wiring: Wiring, run: Observation) -> Iterator[Finding]:
 
 def _layers(wiring: Wiring, k: int) -> int:
     """Return the least number of projections from a population to an output."""
-    front, passed = {k}, {k}
+    frontier, passed = {k}, {k}
     for layers in range(len(wiring.program.populations)):
-        targets = {wiring.program.projections[q].target for j in front for q in wiring.out_of(j)} - passed
+        targets = {wiring.program.projections[q].target for j in frontier for q in wiring.out_of(j)} - passed
         if not targets:
             break
         if any(is_end(wiring, j) for j in targets):
             return layers + 1
-        front, passed = targets, passed | targets
+        frontier, passed = targets, passed | targets
     return 1
 
 
@@ -256,7 +256,10 @@ def _spread(wiring: Wiring, q: int) -> float:
 
 
 def _factor(wiring: Wiring, run: Observation, q: int, to_end: bool) -> float | None:
-    """Return the factor of a projection on a gradient: from the sum of the response if `to_end`, else from its peak."""
+    """Return the factor by which a projection scales a gradient that passes back through it; None if unknown.
+
+    The factor uses the sum of the postsynaptic potential over time if `to_end`, else its peak.
+    """
     part = wiring.program.projections[q]
     cell, s = wiring.cell(part.target), surrogate(wiring, run, part.target)
     if cell is None or s is None:
@@ -267,7 +270,7 @@ def _factor(wiring: Wiring, run: Observation, q: int, to_end: bool) -> float | N
 
 
 def _sizes(wiring: Wiring, run: Observation) -> dict[int, float]:
-    """Return the gradient at each population on a path to an output, relative to the output; without recurrence."""
+    """Return the gradient at each population relative to the gradient at the outputs, without recurrent projections."""
     program = wiring.program
     forward = {
         k: [
@@ -295,6 +298,7 @@ def _sizes(wiring: Wiring, run: Observation) -> dict[int, float]:
 
 
 def _growth(wiring: Wiring, run: Observation, q: int) -> float | None:
+    """Return the factor by which a recurrent projection scales a gradient within WINDOW_MS; None if unknown."""
     part, factor = wiring.program.projections[q], _factor(wiring, run, q, to_end=False)
     cell = wiring.cell(part.target)
     if factor is None or cell is None:

@@ -19,7 +19,7 @@ WEAK = 1e-3
 """Effect of one spike, as a share of the distance from rest to threshold, below which the unit of its weight is
 doubted, unless all inputs together reach the threshold: many small effects can drive a neuron, too."""
 LONGEST_MS = {"izhikevich": 1.0}
-"""Longest steps of models without a time constant, ms. Forward Euler falsifies longer ones: at 2 ms, up to 45 % of the
+"""Longest steps of models without a time constant, ms. Forward Euler is inexact above: at 2 ms, up to 45 % of the
 spikes of a fast-spiking neuron are missing. Izhikevich, 2003, halves his steps of 1 ms for V_m."""
 FAST_HZ = 1000.0
 """Highest rate of a neuron. A generator with a higher rate represents many neurons."""
@@ -170,7 +170,7 @@ def rule_findings(wiring: Wiring, reward_after: float | None) -> Iterator[Findin
 
 
 def changes_weights(rule: Synapse) -> bool:
-    """Return whether a rule learns, other than by short-term plasticity."""
+    """Return whether a rule changes weights or delays for good, unlike short-term plasticity."""
     return bool(rule.learns) and not is_short_term(rule)
 
 
@@ -198,7 +198,7 @@ def _one_way(part: Projection) -> Iterator[Finding]:
 
 
 def _both_potentiate(part: Projection) -> Iterator[Finding]:
-    """Yield a finding about an A_minus below 0, as Brian writes it: here both orders of a pair then potentiate."""
+    """Yield a finding about A_minus < 0, which depresses in Brian; here spike pairs in both orders then potentiate."""
     values, rule = part.synapse.parameters(), part.synapse
     if rule.learns != "pairs" or rule.identity() or not {"A_plus", "A_minus"} <= values.keys():
         return
@@ -247,7 +247,7 @@ def _eligibility(program: Program, part: Projection, reward_after: float | None)
 
 
 def _copies(program: Program, part: Projection) -> Iterator[Finding]:
-    """Yield a finding about maps or neurons with equal first weights: in trials they always learn the same."""
+    """Yield a finding about maps or neurons with equal initial weights, which learn the same in all trials."""
     target = program.populations[part.target]
     several = target.shape[0] > 1 if part.grid is not None else target.size > 1
     rule = part.synapse

@@ -67,8 +67,8 @@ def _projections(wiring: Wiring) -> Iterator[Finding]:
 
 
 MIXED = 0.02, 0.33
-"""Least and largest share of weights of the other sign that violate Dale's law: normal weights with a mean of 2 to 0.4
-standard deviations. With a smaller mean both signs are probably intended."""
+"""Least and largest share of weights with the other sign that is reported as a violation of Dale's law. Normal weights
+have these shares at a mean of 2 and 0.4 standard deviations. At a smaller mean both signs are probably intended."""
 _INHIBITORY = re.compile(r"(^|_)(?i:inh|basket|gaba|pv(_|$)|sst)|(^|_|\d)I(_|\d|$)")
 _EXCITATORY = re.compile(r"(^|_)(?i:exc|pyr)|(^|_|\d)E(_|\d|$)")
 
@@ -130,7 +130,7 @@ def _generators(wiring: Wiring) -> Iterator[Finding]:
         unused = part.kind != "neuron" and not wiring.out_of(k) and k not in released
         if unused and has_neurons and k not in probed:
             evidence = f"no projection begins at its {some(part.size, 'neuron')}, and no probe records them"
-            # Listed spikes are always recorded, so they may be present for the record only.
+            # Listed spikes are always recorded, so a user may list them only to see them in the results.
             severity = "warning" if part.kind == "listed" else "fault"
             yield finding("unconnected", severity, part, evidence, f"connect '{part.name}', or remove it")
 
@@ -152,12 +152,16 @@ def can_fire_alone(wiring: Wiring, k: int) -> bool:
 
 
 def _begins(wiring: Wiring, k: int) -> bool:
-    """Return whether spikes may originate in a population: a generator, or neurons with a current or firing alone."""
+    """Return whether spikes may originate in a population.
+
+    The population is a spike generator, or its neurons get a current or fire without input.
+    """
     kind = wiring.program.populations[k].kind
     return can_fire_alone(wiring, k) or bool(wiring.onto(k, "current")) if kind == "neuron" else kind != "current"
 
 
 def _paths(wiring: Wiring) -> Iterator[Finding]:
+    """Yield findings about populations that no excitation reaches, and about trials without a path to their output."""
     program = wiring.program
     begin = [k for k in range(len(program.populations)) if _begins(wiring, k)]
     if not begin:
@@ -243,16 +247,16 @@ def _unreached(wiring: Wiring) -> Iterator[Finding]:
 def _thresholds(wiring: Wiring) -> Iterator[Finding]:
     """Yield findings about populations that cannot reach their threshold with any input spikes."""
     program = wiring.program
-    n_most = {k: _most(part, program.resolution) for k, part in enumerate(program.populations)}
+    most_spikes = {k: _most(part, program.resolution) for k, part in enumerate(program.populations)}
     for k, part in enumerate(program.populations):
         cell, inputs = wiring.cell(k), wiring.onto(k)
         if cell is None or not inputs or any(program.projections[q].synapse.learns for q in inputs):
             continue
-        if can_fire_alone(wiring, k) or any(math.isinf(n_most[program.projections[q].source]) for q in inputs):
+        if can_fire_alone(wiring, k) or any(math.isinf(most_spikes[program.projections[q].source]) for q in inputs):
             continue
         if any(v.size > 1 for w, v in part.parameters.items() if w != "tau_minus"):
             continue  # neurons differ, so the first is not representative
-        largest = wiring.strongest(k, n_most)
+        largest = wiring.strongest(k, most_spikes)
         if largest is None or not largest.any():
             continue
         v, fired = cell.follow(largest, current=wiring.current(k))

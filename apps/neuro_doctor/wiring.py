@@ -17,7 +17,7 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 MOST_STEPS = 1500
-"""Most steps of a single neuron's response."""
+"""Largest number of steps of a single neuron's response."""
 TINY = 1e-3
 """First weight in the measurement of a postsynaptic potential. The weight is changed until the potential is small
 enough for conductances to be nearly linear, and far above rounding errors."""
@@ -36,7 +36,7 @@ def has_threshold(part: Population) -> bool:
 
 
 class Cell:
-    """The first neuron of a population that `has_threshold`, simulated alone.
+    """The first neuron of a population with a threshold (see `has_threshold`), simulated alone.
 
     Args:
         part: the population.
@@ -107,7 +107,7 @@ class Cell:
     def slope(self, receptor: int) -> float:
         """Return the signed peak of the postsynaptic potential of a small weight, mV per unit of weight.
 
-        0 if the model fires without input at once, so no response can be measured.
+        The result is 0 if no response can be measured, because the model fires at once without input.
         """
         v = self.response(receptor)
         return float(v[np.abs(v).argmax()])
@@ -162,14 +162,17 @@ class Cell:
 
 
 MOST_SYNAPSES = 5_000_000
-"""Most synapses of a projection whose weights are summed for each neuron; larger ones are skipped."""
+"""Largest number of synapses of a projection whose weights are summed for each neuron; larger ones are skipped."""
 
 SETTLED = 50
 """Regular spikes after which short-term plasticity counts as steady."""
 
 
 def is_short_term(rule: Synapse) -> bool:
-    """Return whether a rule is short-term plasticity: no post spikes, a fixed weight, a variable share sent."""
+    """Return whether a rule is short-term plasticity.
+
+    Such a rule ignores postsynaptic spikes, and sends a varying share of a fixed weight.
+    """
     return rule.learns == "pairs" and not rule.post and hasattr(rule.arithmetic, "sent")
 
 
@@ -266,7 +269,7 @@ class Wiring:
         return outgoing, incoming
 
     def receptors(self, projection: int) -> tuple[tuple[int, float], tuple[int, float]]:
-        """Return the receptor and the factor of weights >= 0, and the receptor and the factor of weights < 0."""
+        """Return the receptor and the sign of its input for weights >= 0, and both for weights < 0."""
         part = self.program.projections[projection]
         model = self.program.populations[part.target].model
         factor = -1.0 if part.receptor is not None and part.receptor.negated else 1.0
@@ -322,9 +325,11 @@ class Wiring:
 
     def loops(self, population: int) -> list[int]:
         """Return the excitatory projections onto a population from populations that it reaches itself."""
-        sinks = self.reached([population])
+        reached_populations = self.reached([population])
         return [
-            q for q in self.onto(population) if self.program.projections[q].source in sinks and self.pushes(q)[0] > 0.0
+            q
+            for q in self.onto(population)
+            if self.program.projections[q].source in reached_populations and self.pushes(q)[0] > 0.0
         ]
 
     def names(self, projections: Iterable[int]) -> str:
