@@ -38,8 +38,8 @@ def recogniser(
     net.population("maps", shape, cell(V_th=threshold))
     net.connect("sheet", "maps", rule or grid(kernel=(4, 4)), synapse or r_stdp(), weight=weight, delay=2.0, name="s2")
     net.group("choice", winner_take_all(of="maps"))
-    settings = {"labels": {"of": "maps", "maps_per_label": 2}, "reset": ["V_m"], "duration": 20.0}
-    net.trials(input="sheet", **(settings | settings))
+    defaults: dict[str, Any] = {"labels": {"of": "maps", "maps_per_label": 2}, "reset": ["V_m"], "duration": 20.0}
+    net.trials(input="sheet", **(defaults | settings))
     return net
 
 
