@@ -16,9 +16,12 @@ from neuro.program.program import Grid, Ints, Projection, synapse_states
 from neuro.run.simulation import Simulation
 
 Found = dict[str, NDArray[Any]]
+"""Outcome of a case: arrays by the name of the quantity, e.g. "spikes of cells: steps"."""
 Start = Callable[..., Simulation]
+"""Function that compiles the network of a case: `start(net, seed=..., threads=...)`."""
 Function = TypeVar("Function", bound=Callable[..., Any])
 LIMIT = 1e-9
+"""Largest accepted deviation of floats from the reference, in the unit of the value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +46,7 @@ class Case:
 
 
 CASES: dict[str, Case] = {}
+"""All registered cases by name."""
 
 
 def case(function: Callable[[Start], Found]) -> Callable[[Start], Found]:
@@ -58,7 +62,7 @@ def law(function: Callable[[Start], tuple[Found, Found]]) -> Callable[[Start], t
 
 
 def integers_too(function: Function) -> Function:
-    """Mark a case as exact in integers, so that every backend must pass it."""
+    """Mark a registered case as exact in integers also, so that every backend must pass it."""
     CASES[function.__name__] = replace(CASES[function.__name__], floats=False)
     return function
 
@@ -126,7 +130,7 @@ def counted(sim: Simulation) -> Found:
 
 
 def differences(expected: Mapping[str, NDArray[Any]], actual: Mapping[str, NDArray[Any]], exact: bool) -> list[str]:
-    """Return the differences of two outcomes, a line each.
+    """Return the differences of two outcomes, one line for each quantity.
 
     Whole numbers must be equal. Floats must be equal within 1e-9, or exactly if `exact`.
     """
@@ -141,7 +145,7 @@ def differences(expected: Mapping[str, NDArray[Any]], actual: Mapping[str, NDArr
 def _difference(name: str, expected: NDArray[Any], actual: NDArray[Any], exact: bool) -> list[str]:
     if expected.shape != actual.shape:
         return [f"{name}: {actual.size} values, expected {expected.size}"]
-    unequal = (expected != actual) & ~((expected != expected) & (actual != actual))  # NaN equals NaN
+    unequal = (expected != actual) & ~((expected != expected) & (actual != actual))  # NaN counts as equal to NaN
     if not exact and expected.dtype.kind == "f":
         with np.errstate(invalid="ignore"):
             unequal &= ~(np.abs(actual - expected) <= LIMIT)

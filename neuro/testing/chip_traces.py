@@ -36,6 +36,7 @@ from neuro.testing.golden import Golden, Result, equal
 from neuro.testing.loihi2_traces import compare_loihi2, is_of_loihi2
 
 FOLLOWED = "nengo_loihi"
+"""Emulator whose arrays are compared if the emulators disagree."""
 
 
 def chip_of(facts: Mapping[str, Any]) -> str:
@@ -74,6 +75,7 @@ def compare_chip(golden: Golden, backend: str | Backend) -> Iterator[Result]:
 
 
 def _single(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend: str | Backend) -> Iterator[Result]:
+    """Run a Loihi neuron with listed input spikes and compare its registers."""
     net = Network("single", resolution=1.0)
     weights = np.array(case["weights"], dtype=np.float64)
     _add_sources(net, case["spikes"], weights.size)
@@ -89,6 +91,7 @@ def _single(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend
 
 
 def _feedforward(golden: Golden, backend: str | Backend, biased: bool) -> Iterator[Result]:
+    """Run two layers on Loihi, with or without bias, and compare the registers of both."""
     p, arrays = golden.facts["params"], golden.arrays
     steps = int(p["T"])
     net = Network("feedforward", resolution=1.0)
@@ -100,14 +103,15 @@ def _feedforward(golden: Golden, backend: str | Backend, biased: bool) -> Iterat
         weights = arrays[f"w{layer}"].astype(np.float64)
         _connect(net, source, f"layer{layer}", weights, loihi_static(weight_exp=p[f"wexp{layer}"]), 1.0)
     sim = _run(net, steps, {"layer1": ("u", "v"), "layer2": ("u", "v")}, backend)
-    case = "" if biased else "nobias_"
+    prefix = "" if biased else "nobias_"
     for layer in (1, 2):
         for name in ("u", "v", "s"):
             actual = _trace(sim, f"layer{layer}", name, steps)
-            yield equal(f"{case}layer{layer}", name, actual, arrays[f"{case}{name}{layer}"])
+            yield equal(f"{prefix}layer{layer}", name, actual, arrays[f"{prefix}{name}{layer}"])
 
 
 def _spinnaker(case: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], backend: str | Backend) -> Iterator[Result]:
+    """Run the neurons of a SpiNNaker case with listed input spikes and compare their registers."""
     net = Network("spinnaker", resolution=1.0)
     synapses = np.array(case["syn_u16"], dtype=np.int64).reshape(-1, 5)
     spikes = case["spikes"]
@@ -150,7 +154,7 @@ def _synapse(case: Mapping[str, Any]) -> Synapse:
 
 
 def _connect(net: Network, source: str, target: str, weights: Floats, synapse: Synapse, delay: Any) -> None:
-    """Connect by a matrix [post, pre] of mantissas; 0 means no synapse."""
+    """Connect by a matrix of mantissas, (post, pre), in which 0 means no synapse."""
     post, pre = np.nonzero(weights)
     delays = delay[pre] if np.ndim(delay) else delay
     net.connect(source, target, pairs(pre=pre, post=post), synapse, weight=weights[post, pre], delay=delays)

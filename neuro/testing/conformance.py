@@ -25,6 +25,7 @@ from neuro.testing import (  # noqa: F401
 from neuro.testing.case import CASES as CASES, Found, Start, differences
 
 ARITHMETIC = ("float", "integer")
+"""Accepted values of a backend's attribute `arithmetic`."""
 NEEDS_FLOATS = "its values are exact in floats only, and this backend computes in integers"
 """Reason for skipping a case on a backend whose `arithmetic` is "integer"."""
 
@@ -69,10 +70,10 @@ def check_case(backend: str | Backend, name: str) -> str:
     chosen = find_backend(backend) if isinstance(backend, str) else backend
     declared: dict[str, str] = getattr(chosen, "unsupported", {})
     integer = _computes_in_integers(chosen)
-    for other in declared:
-        assert other in CASES, f"backend '{chosen.name}' declares an unknown case '{other}' as unsupported"
-        assert not (integer and CASES[other].floats), (
-            f"case '{other}' is declared unsupported, but is skipped, as it needs floats: remove the declaration"
+    for case in declared:
+        assert case in CASES, f"backend '{chosen.name}' declares an unknown case '{case}' as unsupported"
+        assert not (integer and CASES[case].floats), (
+            f"case '{case}' is declared unsupported, but is skipped, as it needs floats: remove the declaration"
         )
     if integer and CASES[name].floats:
         return NEEDS_FLOATS
@@ -132,7 +133,7 @@ def _starting(backend: Backend, hidden: frozenset[str]) -> Start:
 
 
 def deviations(backend: Backend, name: str) -> list[str]:
-    """Return the deviations of a backend from the reference in one case, a line each.
+    """Return the deviations of a backend from the reference in one case, one line for each quantity.
 
     A refusal is one deviation. Warnings about approximations are ignored, because the outcome is compared.
     """
@@ -150,6 +151,8 @@ def deviations(backend: Backend, name: str) -> list[str]:
 
 @cache
 def _expected(name: str) -> Found:
+    """Return the outcome of a case on the reference, which runs only once for each case."""
+
     def start(net: Network, seed: int = 1, threads: int = 1, **options: Any) -> Simulation:
         return compile(net, "reference", seed=seed)
 

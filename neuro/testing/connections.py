@@ -79,17 +79,17 @@ def rule_pairs(start: Start) -> Found:
         "none": pairs(pre=[], post=[]),
     }
     delay, distribution = uniform(low=0.1, high=2.0), normal(mean=200.0, std=300.0)
-    own = np.array([900.0, 300.0, -200.0, 700.0, -100.0, 50.0])
+    listed_weights = np.array([900.0, 300.0, -200.0, 700.0, -100.0, 50.0])
     for name, rule in rules.items():
         net.population(name, 6, iaf_psc_exp(I_e=300.0))
-        net.connect("source", name, rule, weight=own if name == "listed" else distribution, delay=delay)
+        net.connect("source", name, rule, weight=listed_weights if name == "listed" else distribution, delay=delay)
         net.connect(name, name, symmetric_pairwise_bernoulli(p=0.4), weight=distribution, delay=0.7)
     return after(start, net)
 
 
 @case
 def rule_grid(start: Start) -> Found:
-    """Shared kernels with channels, stride and padding, with listed values, and depthwise, each with a second layer."""
+    """Grids with padding and a stride, depthwise, or with listed weights; each projects to a second layer."""
     net = network(1.0)
     net.population("sheet", (2, 6, 7), poisson_generator(rate=60.0))
     net.population("plain", (5, 5), poisson_generator(rate=150.0))
@@ -111,7 +111,7 @@ def rule_grid(start: Start) -> Found:
 
 @case
 def drawn_weights(start: Start) -> Found:
-    """Weights drawn lognormally, clipped; delays drawn and rounded to at least one step."""
+    """Weights drawn from a clipped lognormal distribution; delays drawn and rounded to at least one step."""
     net = connected(fixed_indegree(n=5))
     weight = lognormal(mean=5.0, std=1.0, high=900.0)
     net.connect("source", "cells", fixed_indegree(n=2), weight=weight, delay=normal(mean=0.2, std=0.3), name="more")
@@ -156,7 +156,7 @@ def networks_of_all_models(start: Start) -> Found:
 
 @case
 def rule_distance_dependent(start: Start) -> Found:
-    """distance_dependent with a mask and periodic edges; weights and delays of distance."""
+    """distance_dependent with a mask and periodic edges; weights and delays depend on the distance."""
     net = network()
     for name, model in (("source", poisson_generator(rate=900.0)), ("cells", iaf_psc_exp(I_e=300.0))):
         net.population(name, (4, 5), model, extent=[4.0, 5.0], periodic=True)
@@ -292,7 +292,7 @@ def rates_that_follow_a_sine(start: Start) -> Found:
 
 @case
 def spikes_of_gamma_processes(start: Start) -> Found:
-    """gamma_sup_generator: processes in stages, whose rate is set between two runs."""
+    """gamma_sup_generator: superposed gamma processes, whose rate is set between two runs."""
     sim = start(emitting(gamma_sup_generator(rate=np.array([5.0, 20.0, 60.0, 0.0]), gamma_shape=3, n_proc=40)))
     sim.run(25.0)
     sim.set("source", rate=30.0)
@@ -302,7 +302,7 @@ def spikes_of_gamma_processes(start: Start) -> Found:
 
 @case
 def recorded_spikes(start: Start) -> Found:
-    """spike_train: recorded spikes are emitted again, two spikes at one time as one of multiplicity 2."""
+    """spike_train: recorded spikes are emitted again; two spikes at one time become one of multiplicity 2."""
     rows = np.array([[0.1, 2.0], [0.1, 0.0], [0.1, 2.0], [7.3, 1.0], [30.0, 3.0]])
     sim = start(emitting(spike_train(spikes=rows)))
     sim.run(40.0)

@@ -156,7 +156,7 @@ def exact_parrots(start: Start) -> Found:
 @integers_too
 @law
 def exact_weights_set_at_an_emission(start: Start) -> tuple[Found, Found]:
-    """A spike of a generator has the weight at its step; a spike of a neuron has the weight set after its step."""
+    """A generator's spike has the weight of its step; a neuron's spike has the weight that is set after its step."""
     net = network(1.0)
     net.population("source", 6, spike_generator(spike_times=[[4.0, 5.0]] * 6))
     net.population("parrots", 6, parrot_neuron())
@@ -190,7 +190,7 @@ def exact_weights_set_at_an_emission(start: Start) -> tuple[Found, Found]:
 @integers_too
 @case
 def exact_network_again(start: Start) -> Found:
-    """`network()` of a run, compiled again."""
+    """The network that `network()` returns after a run, compiled again."""
     net = driven(8)
     net.connect("source", "cells", all_to_all(), weight=whole(-1, 3, (8, 8)), delay=4.0, name="own")
     sim = start(net)
@@ -208,14 +208,14 @@ HALVED = float(1.0 / np.log(2.0))
 
 
 def spikes_and_counts(outcome: Found) -> Found:
-    """Return the values that do not depend on rounding."""
+    """Return the spikes and counts of an outcome, which do not depend on rounding."""
     return {name: values for name, values in outcome.items() if values.dtype.kind != "f"}
 
 
 @integers_too
 @case
 def exact_delays_of_currents(start: Start) -> Found:
-    """Every delay from 1 to 60 steps of iaf_psc_exp, whose currents act one step after they arrive."""
+    """Every delay from 1 to 60 steps onto iaf_psc_exp, whose currents act one step after their arrival."""
     net = network(1.0)
     net.population("source", 60, spike_generator(spike_times=[[5.0, 80.0]] * 60))
     net.population("cells", 60, iaf_psc_exp(t_ref=3.0))
@@ -238,7 +238,7 @@ def exact_refractory_periods(start: Start) -> Found:
 @integers_too
 @case
 def exact_thresholds(start: Start) -> Found:
-    """A threshold for each neuron, equal to a reachable V_m: V_m = V_th fires, 1 mV less does not."""
+    """A threshold for each neuron, equal to a reachable V_m: a neuron fires at V_m = V_th, but not 1 mV below."""
     net = driven(8, V_th=np.arange(-65.0, -57.0), E_L=-70.0, V_reset=-70.0)
     net.connect("source", "cells", one_to_one(), weight=2.0)
     net.connect("source", "cells", all_to_all(), weight=np.tile([0.0, 1.0], (8, 4)), name="more")
@@ -342,7 +342,7 @@ def exact_halving(start: Start) -> Found:
 @integers_too
 @case
 def counts_of_learning(start: Start) -> Found:
-    """learning_updates of stdp, dense and listed, whose weights are too small to cause or delay a spike."""
+    """learning_updates of stdp in dense and listed synapses, whose weights are too small to affect a spike."""
     net = driven(6, 0.03, tau_m=HALVED, V_th=5.5)
     net.population("others", 6, cell(tau_m=HALVED, V_th=5.5))
     net.connect("source", "cells", one_to_one(), weight=6.0, delay=3.0)

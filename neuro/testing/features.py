@@ -63,7 +63,7 @@ def delta_neuron_keeps_refractory_input(start: Start) -> Found:
 
 @case
 def exponential_neuron(start: Start) -> Found:
-    """iaf_psc_exp."""
+    """iaf_psc_exp with a constant current and unequal synaptic time constants."""
     return after(start, driven(iaf_psc_exp(I_e=250.0, tau_syn_in=5.0)))
 
 
@@ -81,7 +81,7 @@ def exponential_neuron_without_leak(start: Start) -> Found:
 
 @case
 def alpha_neuron(start: Start) -> Found:
-    """iaf_psc_alpha."""
+    """iaf_psc_alpha with a constant current and a lower bound."""
     return after(start, driven(iaf_psc_alpha(I_e=300.0, V_min=-80.0)))
 
 
@@ -93,7 +93,7 @@ def alpha_neuron_equal_time_constants(start: Start) -> Found:
 
 @case
 def izhikevich_neuron(start: Start) -> Found:
-    """Izhikevich neurons of three kinds: regular, fast, chattering."""
+    """Izhikevich neurons of three kinds: regular spiking, fast spiking, chattering."""
     kinds = izhikevich(
         a=np.array([0.02, 0.1, 0.02]), c=np.array([-65.0, -65.0, -50.0]), d=np.array([8.0, 2.0, 2.0]), I_e=10.0
     )
@@ -183,7 +183,7 @@ if find_spec("neuro_events") is not None:  # the package that plays recordings
 
     @case
     def played_events(start: Start) -> Found:
-        """An event camera that plays a recording, some events of a pixel in one step, and receives further events."""
+        """An event camera that plays a recording and receives events; a pixel may have several in one step."""
         from neuro_events import Events
 
         t = np.sort(np.random.default_rng(4).integers(5_000, 25_000, 400))
@@ -228,7 +228,7 @@ def currents(start: Start) -> Found:
 @integers_too
 @case
 def first_to_fire(start: Start) -> Found:
-    """winner_take_all with first_to_fire: one decision, ties drawn, until a reset."""
+    """winner_take_all with first_to_fire: one decision until a reset; ties are drawn."""
     net = network(1.0)
     net.population("tick", 1, spike_generator(spike_times=[[2.0, 4.0, 6.0]]))
     net.population("cells", 6, iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=3.0))
@@ -244,7 +244,7 @@ def first_to_fire(start: Start) -> Found:
 
 @case
 def maps_that_reset_each_other(start: Start) -> Found:
-    """lateral_reset among maps of a grid that rest for long, with ties and a map that is a source of another grid."""
+    """lateral_reset among the maps of a grid, after a long silence and with ties; the maps feed another grid."""
     net = network(1.0)
     trains = [[1.0, 2.0, 60.0, 61.0, 62.0, 63.0]] * 20 + [[62.0]] * 22
     net.population("sheet", (6, 7), spike_generator(spike_times=trains))
@@ -297,7 +297,7 @@ def static_weights_change(start: Start) -> Found:
 
 @case
 def forgotten_spikes(start: Start) -> Found:
-    """Forgotten spikes, and spikes since a time."""
+    """Old spikes are forgotten, and spikes since a given time are read."""
     sim = start(driven(iaf_psc_exp(I_e=500.0)))
     sim.run(40.0)
     sim.forget(before=20.0)

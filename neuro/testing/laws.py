@@ -167,6 +167,7 @@ CUTS = (1, 33, 5, 121, 1, 1, 238)
 """Lengths in steps of the pieces of a divided run."""
 
 HALVES = (200, 200)
+"""Lengths in steps of a run whose parameters change in the middle."""
 Law = Callable[[Start, Subject], tuple[Found, Found]]
 
 
@@ -180,7 +181,7 @@ def networks_law(function: Law) -> Law:
 
 
 def _without_warnings(function: Law, subject: Subject, start: Start) -> tuple[Found, Found]:
-    """Evaluate a law without warnings about overflows, which must occur equally in both runs."""
+    """Evaluate a law, and ignore warnings about overflows, since both runs must overflow equally."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OverflowWarning)
         return function(start, subject)
@@ -306,16 +307,19 @@ def counts_follow_from_spikes(start: Start, subject: Subject) -> tuple[Found, Fo
 
 
 def _resumed(start: Start, net: Callable[[], Network], use: Callable[[Simulation], Found]) -> tuple[Found, Found]:
-    """Return the outcomes of two uses in one simulation, and of the second use after saving and restoring."""
+    """Use a simulation twice, and once more after restoring the state that was saved between two uses.
+
+    Return all values after the first use with those of the second, and the same from the restored simulation.
+    """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "state.h5"
-        through, saved, resumed = start(net()), start(net()), start(net())
-        use(through)
+        uninterrupted, saved, resumed = start(net()), start(net()), start(net())
+        use(uninterrupted)
         use(saved)
         saved.save(file)
         resumed.run(5.0)
         resumed.restore(file)
-        return {**observe(saved), **_later(use(through))}, {**observe(resumed), **_later(use(resumed))}
+        return {**observe(saved), **_later(use(uninterrupted))}, {**observe(resumed), **_later(use(resumed))}
 
 
 def _later(outcome: Found) -> Found:

@@ -32,19 +32,19 @@ def learner(synapse: Synapse, rule: Rule | None = None, delay: object = 1.0, wei
 
 @case
 def stdp_multiplicative(start: Start) -> Found:
-    """Stdp with mu = 1."""
+    """Multiplicative stdp: mu_plus = mu_minus = 1."""
     return after(start, learner(stdp(lambda_=0.05)), 200.0)
 
 
 @case
 def stdp_additive(start: Start) -> Found:
-    """Stdp with mu = 0, up to both bounds."""
+    """Additive stdp: mu_plus = mu_minus = 0; weights reach both bounds."""
     return after(start, learner(stdp(lambda_=0.2, mu_plus=0.0, mu_minus=0.0, alpha=1.2)), 200.0)
 
 
 @case
 def stdp_between(start: Start) -> Found:
-    """Stdp with powers between 0 and 1, and random delays and weights of random pairs."""
+    """Random pairs with random weights and delays; mu_plus and mu_minus of stdp lie between 0 and 1."""
     rule = stdp(lambda_=0.1, mu_plus=0.4, mu_minus=0.3, tau_plus=12.0)
     net = learner(rule, fixed_indegree(n=5), uniform(low=0.1, high=4.0), uniform(low=0.0, high=100.0))
     return after(start, net, 200.0)
@@ -145,7 +145,7 @@ def dopamine_by_signal(start: Start) -> Found:
 
 @case
 def dopamine_by_spikes(start: Start) -> Found:
-    """stdp_dopa with the spikes of a population, with a baseline that n crosses, and weights clipped to bounds."""
+    """stdp_dopa modulated by spikes of a population; n crosses the baseline b, and weights reach their bounds."""
     rule = stdp_dopa(dopamine="dopa", b=0.02, tau_c=300.0, tau_n=40.0, Wmin=40.0, Wmax=80.0, dopamine_delay=1.2)
     net = learner(rule, fixed_indegree(n=4), uniform(low=0.5, high=3.0))
     net.population("dopa", 2, poisson_generator(rate=40.0))
@@ -154,7 +154,7 @@ def dopamine_by_spikes(start: Start) -> Found:
 
 @case
 def dopamine_one_to_one(start: Start) -> Found:
-    """stdp_dopa with one dopamine neuron for each post neuron, several spikes at a time, and a coarse grid."""
+    """stdp_dopa with one dopamine neuron for each post neuron, simultaneous spikes, and few delivery points."""
     rule = stdp_dopa(
         dopamine="dopa", dopamine_rule="one_to_one", b=0.01, tau_n=30.0, Wmin=20.0, Wmax=90.0, deliver_interval=50
     )

@@ -67,6 +67,7 @@ def compare_loihi2(golden: Golden, backend: str | Backend) -> Iterator[Result]:
 def _connections(
     name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
 ) -> Iterator[Result]:
+    """Compare the sums of messages that arrive through a dense, sparse or convolution connection."""
     expected, arrays = arrays["a"], _with_messages(case, arrays)
     net = Network("connections", resolution=1.0)
     if "padding" in case:
@@ -101,6 +102,7 @@ def _convolution(case: Mapping[str, Any], arrays: Mapping[str, Array]) -> tuple[
 def _neurons(
     name: str, case: Mapping[str, Any], arrays: Mapping[str, Array], backend: str | Backend
 ) -> Iterator[Result]:
+    """Compare the states and messages of neurons with recorded inputs."""
     expected = {word: array for word, array in arrays.items() if word in STATES or word == "s"}
     size, steps = arrays["s"].shape[1], len(arrays["s"])
     net = Network("neurons", resolution=1.0)
@@ -165,17 +167,20 @@ def _learning(
 
 
 FIRES = 1000
-"""Input that makes a neuron without memory fire; its threshold is half of this value."""
+"""Input that makes the target neurons of `_learning` fire; their threshold is half of this value."""
 GRADED = {
     "USE_REGULAR_IMPULSE": "impulse",
     "OVERWRITE": "overwrite",
     "ADD_WITH_SATURATION": "add_with_saturation",
     "ADD_WITHOUT_SATURATION": "add_without_saturation",
 }
+"""Values of `graded` of loihi2_learning by lava's names."""
 STATES = ("u", "v", "real", "imag", "sigma", "act", "residue", "error")
+"""Arrays of a case that are states of its neurons."""
 
 
 def _model(name: str, case: Mapping[str, Any], arrays: Mapping[str, Array]) -> Neuron:
+    """Return the neuron model of a case, with the parameters of the case."""
     if "du" in case:
         model = loihi2_ternary_lif if "vth_hi" in case else loihi2_lif
         parameters: dict[str, Any] = {word: case[word] for word in model.quantities() if word in case}
@@ -202,7 +207,7 @@ def _model(name: str, case: Mapping[str, Any], arrays: Mapping[str, Array]) -> N
         return graded_product(vth=case["vth"], exp=case["exp"])
     if name.startswith("sigma"):
         return sigma_decoder()
-    raise ModelError("not built: none of lava's processes that are built here has such a case")
+    raise ModelError("unknown case: expected a case of one of lava's processes that neuro has")
 
 
 def _synapse(case: Mapping[str, Any], weights: Array) -> Synapse:
@@ -213,7 +218,7 @@ def _synapse(case: Mapping[str, Any], weights: Array) -> Synapse:
 
 
 def _with_messages(case: Mapping[str, Any], arrays: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the arrays with the messages that a connection receives as `x`: without message bits a spike is 1."""
+    """Return the arrays with the messages that a connection receives as `x`: each is 1 if a message has no bits."""
     binary = case.get("num_message_bits") == 0
     return {**arrays, "x": (arrays["x"] != 0).astype(np.int64) if binary else arrays["x"]}
 

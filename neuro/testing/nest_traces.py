@@ -49,7 +49,9 @@ LIMITS = {"hh_psc_alpha": 1e-6, "aeif_cond_exp": 1e-3, "mat2_psc_exp": 1e-11}
 """Accepted deviations by model; 1e-9 for other models. With adaptive steps, rounding errors grow with each spike."""
 
 NEST_V_M = -70.0
+"""Initial V_m of NEST's integrate-and-fire neurons, mV."""
 STRONG = 1e12
+"""Threshold that only the driver's spikes reach, mV; their weight is twice as large."""
 
 PAIRS: Mapping[str, type[Synapse]] = {
     "stdp_nn_symm_synapse": stdp_nn_symm,
@@ -187,9 +189,13 @@ def _compare_stdp(golden: Golden, backend: str | Backend) -> list[Result]:
 
 def _compare_pairs(golden: Golden, backend: str | Backend) -> list[Result]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
-    own = {"pre_at_start": True, "tau_minus_triplet": facts["synapse"].get("tau_minus_triplet_ms"), **facts["synapse"]}
-    kind = PAIRS[own["model"]]
-    rule = kind.from_words({word: own[word] for word in kind.numbers()})
+    synapse_facts = {
+        "pre_at_start": True,
+        "tau_minus_triplet": facts["synapse"].get("tau_minus_triplet_ms"),
+        **facts["synapse"],
+    }
+    kind = PAIRS[synapse_facts["model"]]
+    rule = kind.from_words({word: synapse_facts[word] for word in kind.numbers()})
     sim = neuro.run.compiled.compile(_synapse_network(golden, rule, 1), backend)
     weights = []
     for _ in _walk(sim, _steps(arrays["w_times_ms"], clock) + 1, clock):
@@ -202,15 +208,15 @@ def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[Result]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
     names = ("A_plus", "A_minus", "tau_plus", "tau_c", "tau_n", "b", "Wmin", "Wmax")
     dopa = facts["dopa"]
-    written = {clock.step(t, "set_n"): float(value) for t, value in facts.get("set_n", [])}
+    n_by_step = {clock.step(t, "set_n"): float(value) for t, value in facts.get("set_n", [])}
     source: dict[str, Any] = (
-        {"signal": "n"} if written else {"dopamine": "dopa", "dopamine_delay": float(dopa["delay_ms"])}
+        {"signal": "n"} if n_by_step else {"dopamine": "dopa", "dopamine_delay": float(dopa["delay_ms"])}
     )
     parameters = {word: facts["synapse"][word] for word in names}
     rule = stdp_dopa(**parameters, deliver_interval=int(dopa["deliver_interval"]), **source)
     shortest = clock.step(dopa["min_delay_ms"], "min_delay_ms")
     net = _synapse_network(golden, rule, shortest)
-    if written:
+    if n_by_step:
         net.signal("n", to="post")
     else:
         times = clock.array_ms(np.sort(_steps(arrays["dopa_ms"], clock)))
@@ -220,15 +226,17 @@ def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[Result]:
     rows = _steps(arrays["trace"][:, 0], clock)
     grid_rows = np.flatnonzero(rows % grid == 0)
     pre = _steps(arrays["w_times_ms"], clock)
-    doses = _steps(arrays["dopa_ms"], clock) + clock.step(dopa["delay_ms"], "delay_ms") if written else pre[:0]
+    doses = _steps(arrays["dopa_ms"], clock) + clock.step(dopa["delay_ms"], "delay_ms") if n_by_step else pre[:0]
     read_values: dict[int, list[float]] = {}
-    for step in _walk(sim, np.unique(np.concatenate((rows[grid_rows], pre, doses, list(written)))).astype(int), clock):
+    for step in _walk(
+        sim, np.unique(np.concatenate((rows[grid_rows], pre, doses, list(n_by_step)))).astype(int), clock
+    ):
         arrived = int(np.count_nonzero(doses == step))
         if arrived:
             sim.signal("n", sim.get("pre_post", "n") + arrived / facts["synapse"]["tau_n"])
         read_values[step] = [float(sim.get("pre_post", name)[0]) for name in ("weight", "c", "n", "K_plus")]
-        if step in written:
-            sim.signal("n", written[step])
+        if step in n_by_step:
+            sim.signal("n", n_by_step[step])
     actual = np.array([read_values[int(step)] for step in rows[grid_rows]])
     results = [
         close(name, actual[:, column], arrays["trace"][grid_rows, column + 1])
@@ -281,6 +289,7 @@ def _exact(times: Any, clock: Clock) -> Floats:
 
 
 def _spikes(spikes: tuple[Floats, Ints], times: NDArray[Any], ids: NDArray[Any], clock: Clock) -> Result:
+    """Compare spikes, (times, neurons), with the recorded times, ms, and neurons; their order does not matter."""
     actual = set(zip(_steps(spikes[0], clock).tolist(), spikes[1].tolist(), strict=True))
     expected = set(zip(_steps(times, clock).tolist(), np.asarray(ids).tolist(), strict=True))
     unequal = sorted(actual ^ expected)

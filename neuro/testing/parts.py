@@ -44,6 +44,7 @@ _LEVELS = np.linspace(-1.0, 1.0, _N)  # values of a signal, different for each n
 
 
 _USUAL = 40.0
+"""Default duration of each network's run, ms."""
 
 
 def check_part(part: str | Part, backend: str | Backend = "event", *, ms: float = _USUAL) -> None:
@@ -186,8 +187,8 @@ def check_silences(model: Neuron, backend: str | Backend = "event", ms: float = 
         if not state.hidden:
             net.probe(f"{state.name}_of_cells", "cells", state.name, every=net.resolution)
     runs = []
-    for each in ("reference", backend):
-        sim = compile(net, each, seed=1)
+    for simulator in ("reference", backend):
+        sim = compile(net, simulator, seed=1)
         run_on(sim, float(times[-1]))
         runs.append(observe(sim))
     messages = differences(runs[0], runs[1], exact=False)
@@ -306,6 +307,6 @@ def _outcome_of_trials(sim: Simulation) -> Found:
     cut, index = _TRIALS // 3, int(offsets[_TRIALS // 3])
     sim.trials(times[:index], ids[:index], offsets[: cut + 1], labels[:cut], learn=True)
     sim.trials(times[index:], ids[index:], offsets[cut:] - index, labels[cut:], learn=True)
-    cuts = differences({name: undivided[name] for name in observe(sim)}, observe(sim), exact=True)
-    assert not cuts, f"{sim.program.name}: a batch that is cut differs\n  " + "\n  ".join(cuts)
+    messages = differences({name: undivided[name] for name in observe(sim)}, observe(sim), exact=True)
+    assert not messages, f"{sim.program.name}: a batch that is cut differs\n  " + "\n  ".join(messages)
     return undivided | trial_results(sim.trials(times, ids, offsets), "test")

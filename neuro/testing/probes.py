@@ -1,4 +1,4 @@
-"""Cases of values besides spikes that are read and set: probes of states, means, rates and synapses, views, ports."""
+"""Cases of values that are set or read besides spikes: probes of states, means, rates and synapses, views, ports."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def weights_are_recorded(start: Start) -> Found:
 
 @case
 def weights_at_pre_spikes(start: Start) -> Found:
-    """Weights at the emission of spikes, of synapses that learn from spike pairs."""
+    """Weights of synapses that learn from spike pairs, recorded at the emission of each spike."""
     net = _plastic(stdp(Wmax=120.0))
     net.probe("all", "learning", "weight", at="pre_spikes")
     net.probe("some", "learning", "weight", at="pre_spikes", synapses=[11, 2])
@@ -82,7 +82,7 @@ def weights_at_pre_spikes(start: Start) -> Found:
 
 @case
 def fixed_weights_at_pre_spikes(start: Start) -> Found:
-    """Weights that do not learn, changed between two runs."""
+    """Weights of static synapses, recorded at the emission of each spike, and set between two runs."""
     net = _plastic(static())
     net.probe("all", "fixed", "weight", at="pre_spikes")
     sim = start(net)
@@ -94,7 +94,7 @@ def fixed_weights_at_pre_spikes(start: Start) -> Found:
 
 @case
 def states_at_pre_spikes(start: Start) -> Found:
-    """Weight and eligibility after pre spikes, with dopamine."""
+    """Weight and eligibility of stdp_dopa, recorded at the emission of each spike."""
     net = _plastic(stdp_dopa(signal="reward", Wmax=120.0))
     net.signal("reward", to="cells")
     net.probe("sent", "learning", ["weight", "c"], at="pre_spikes")
@@ -135,7 +135,7 @@ def views_are_connected(start: Start) -> Found:
 
 @case
 def views_are_set_and_read(start: Start) -> Found:
-    """States and parameters of some neurons that are set, injected spikes, and values of a view."""
+    """States and parameters of views are set, spikes are injected into views, and values of views are read."""
     net = viewed_network(network())
     row, sheet = net.populations["row"], net.populations["sheet"]
     sources = net.population("listed", 5, spike_generator())
@@ -203,12 +203,16 @@ def exact_views(start: Start) -> Found:
 
 
 STEPS = 12
+"""Number of control steps."""
 MS = 8.0
 """Duration of a control step, ms."""
 
 Reads = list[np.ndarray]
+"""Arrays that a control step reads."""
 Drive = Callable[[Simulation, int], Reads]
+"""Function that makes a control step, given its number."""
 Way = Callable[[Simulation, Network], Drive]
+"""Function that returns a `Drive`: `with_calls` or `with_ports`."""
 
 
 def driven() -> Network:
@@ -222,7 +226,7 @@ def driven() -> Network:
 
 
 def values(step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rates, rates of a view, and thresholds for a step."""
+    """Return the rates, Hz, the rates of a view, Hz, and the thresholds, mV, of a control step."""
     return np.linspace(0.0, 15.0 * step, 12), np.full(3, 7.0 * step), np.linspace(-57.0, -52.0, 9)
 
 
@@ -247,7 +251,7 @@ def with_calls(sim: Simulation, net: Network) -> Drive:
 
 
 def with_ports(sim: Simulation, net: Network) -> Drive:
-    """Return a function that makes the same step by ports, some with output arrays."""
+    """Return a function that makes the step of `with_calls` by ports, some with output arrays."""
     noise, cells = net.populations["noise"], net.populations["cells"]
     rate, some_rates = sim.port(noise, "rate"), sim.port(noise[1, ::2], "rate")
     threshold, potential = sim.port("cells", "V_th"), sim.port("cells", "V_m")
@@ -271,7 +275,7 @@ def with_ports(sim: Simulation, net: Network) -> Drive:
 
 
 def recorded() -> Network:
-    """Return the network with a probe of the noise."""
+    """Return the network of `driven` with a probe of the noise."""
     net = driven()
     net.probe("sent", "noise")
     return net
@@ -289,7 +293,7 @@ def rewarded() -> Network:
 
 
 def read(reads: Reads) -> Found:
-    """Return the values that were read, by number."""
+    """Return the arrays that were read as an outcome, named by number."""
     return {f"read {k}": values for k, values in enumerate(reads)}
 
 
@@ -302,7 +306,7 @@ def ports_do_what_calls_do(start: Start) -> tuple[Found, Found]:
         net = recorded()
         sim = start(net)
         drive = way(sim, net)
-        return read([each for step in range(STEPS) for each in drive(sim, step)]) | observe(sim)
+        return read([array for step in range(STEPS) for array in drive(sim, step)]) | observe(sim)
 
     return looped(with_calls), looped(with_ports)
 
@@ -316,14 +320,14 @@ def ports_go_on_after_a_restore(start: Start) -> tuple[Found, Found]:
         net = recorded()
         sim = start(net)
         drive = way(sim, net)
-        reads = [each for step in range(4) for each in drive(sim, step)]
+        reads = [array for step in range(4) for array in drive(sim, step)]
         with tempfile.TemporaryDirectory() as folder:
             sim.save(Path(folder) / "state.h5")
-            reads += [each for step in range(4, 8) for each in drive(sim, step)]
+            reads += [array for step in range(4, 8) for array in drive(sim, step)]
             sim.restore(Path(folder) / "state.h5")
-        reads += [each for step in range(4, 9) for each in drive(sim, step)]
+        reads += [array for step in range(4, 9) for array in drive(sim, step)]
         sim.reset()
-        reads += [each for step in range(3) for each in drive(sim, step)]
+        reads += [array for step in range(3) for array in drive(sim, step)]
         return read(reads) | observe(sim)
 
     return looped(with_calls), looped(with_ports)
@@ -339,14 +343,14 @@ def ports_of_signals_and_weights(start: Start) -> tuple[Found, Found]:
         reward, weight, buffer = sim.port("reward"), sim.port("learnt", "weight"), np.zeros(24)
         reads = []
         for step in range(STEPS):
-            dopamine, new = np.linspace(-0.02, 0.03, 3) * step, np.linspace(300.0, 600.0, 24)
+            dopamine, new_weights = np.linspace(-0.02, 0.03, 3) * step, np.linspace(300.0, 600.0, 24)
             if ports:
                 if step == 5:
-                    weight.set(new)
+                    weight.set(new_weights)
                 reward.set(dopamine)
             else:
                 if step == 5:
-                    sim.set("learnt", weight=new)
+                    sim.set("learnt", weight=new_weights)
                 sim.signal("reward", dopamine)
             sim.run(MS)
             reads.append(weight.get(buffer).copy() if ports else sim.weights("learnt")[2])

@@ -69,7 +69,7 @@ def groups(net: Network, names: list[str]) -> st.SearchStrategy[Any]:
     axes = [(name, axis) for name in names for axis in range(len(net.populations[name].shape))]
     return st.one_of(
         st.builds(winner_take_all, of=st.sampled_from(names), first_to_fire=st.booleans()),
-        st.sampled_from(axes).map(lambda one: lateral_reset(of=one[0], axis=one[1])),
+        st.sampled_from(axes).map(lambda pair: lateral_reset(of=pair[0], axis=pair[1])),
     )
 
 
@@ -97,8 +97,10 @@ def _delay(net: Network, size: int) -> st.SearchStrategy[Any]:
 
 def _weight(size: int) -> st.SearchStrategy[Any]:
     """Return a strategy for one weight, or a weight for each synapse; most weights are excitatory."""
-    lists = st.lists(st.integers(-1, 4), min_size=size, max_size=size)
-    return st.one_of(st.integers(1, 5).map(float), st.just(-1.0), lists.map(lambda ws: np.array(ws, dtype=np.float64)))
+    weights = st.lists(st.integers(-1, 4), min_size=size, max_size=size)
+    return st.one_of(
+        st.integers(1, 5).map(float), st.just(-1.0), weights.map(lambda ws: np.array(ws, dtype=np.float64))
+    )
 
 
 def _connect_whole(draw: st.DrawFn, net: Network, pre: str, post: str) -> None:

@@ -21,6 +21,7 @@ INF = float("inf")
 
 
 DRAWN = normal(mean=0.5, std=0.1, low=0.0, high=1.0)
+"""Initial weights of cases that learn."""
 
 
 def recogniser(
@@ -31,7 +32,15 @@ def recogniser(
     threshold: float = 5.0,
     **settings: Any,
 ) -> Network:
-    """Return a network of six maps, two for each label, over a small sheet; the first map to fire decides."""
+    """Return a network of six maps, two for each label, over a small sheet; the first map to fire decides.
+
+    Args:
+        synapse: synapse model, `r_stdp()` by default.
+        rule: connection rule, a grid by default; with other rules a map has two neurons.
+        weight: initial weights, mV.
+        threshold: threshold of the maps, mV.
+        settings: settings of the trials, see `Network.trials`, which replace the defaults here.
+    """
     net = network(1.0)
     net.population("sheet", (2, 6, 6), spike_generator())
     shape = (6, "auto", "auto") if rule is None else (6, 2)
@@ -92,7 +101,7 @@ def rewarded_learning(start: Start) -> Found:
 
 @case
 def rescued_learning(start: Start) -> Found:
-    """r_stdp with rescue and dropout for each sample, which decays."""
+    """r_stdp with rescue, and dropout that is drawn for each sample and decays."""
     return taught(start, recogniser(r_stdp(rescue=True), dropout={"of": "maps", "p": 0.4, "decay": 0.5}))
 
 
@@ -118,7 +127,7 @@ def rewarded_learning_with_padding(start: Start) -> Found:
 
 @case
 def rewarded_learning_by_channel(start: Start) -> Found:
-    """r_stdp on kernels that each see one of the maps between the input and them."""
+    """r_stdp on depthwise kernels, each of which gets the spikes of one map of a layer in between."""
     net = network(1.0)
     cells = iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=2.0)
     net.population("sheet", (2, 6, 6), spike_generator())
@@ -251,7 +260,7 @@ def exact_local_winners_to_the_last(start: Start) -> Found:
 
 @case
 def local_winners_learn(start: Start) -> Found:
-    """Each winner learns, several winners of a map one after another."""
+    """Each winner learns; several winners of one map learn one after another."""
     sim = start(sheets({"radius": 0, "per_map": 3}, first_spike_stdp(A_plus=0.1, A_minus=-0.05)))
     times, ids, offsets, _ = batch(24, 40)
     return (
@@ -271,7 +280,7 @@ def local_winners_are_rewarded(start: Start) -> Found:
 
 @case
 def local_winners_without_trials(start: Start) -> Found:
-    """Outside of trials, too, winners silence their neighbourhood until a reset."""
+    """Winners also silence their neighbourhood outside of trials, until a reset."""
     net = network(1.0)
     net.population("noise", 144, poisson_generator(rate=100.0))
     net.population("cells", (3, 6, 8), iaf_psc_delta(tau_m=30.0, E_L=0.0, V_reset=0.0, V_th=2.0))
@@ -286,7 +295,7 @@ def local_winners_without_trials(start: Start) -> Found:
 
 
 def chooser(synapse: Synapse | None = None, weight: object = None, threshold: float = 9.0, **settings: Any) -> Network:
-    """Return the recogniser with whole numbers as weights."""
+    """Return the network of `recogniser` with whole numbers as weights."""
     kernels = whole(-1, 3, (6, 2, 4, 4)) if weight is None else weight
     return recogniser(synapse or static(), weight=kernels, threshold=threshold, **settings)
 
@@ -303,7 +312,7 @@ def exact_decisions(start: Start) -> Found:
 @integers_too
 @case
 def exact_full_trials(start: Start) -> Found:
-    """`stop: full`, some trials silent; a run between two batches."""
+    """Trials with `stop: full`, some of them silent, and a run between two batches."""
     sim = start(chooser(stop="full", threshold=14.0))
     times, ids, offsets, _ = batch(12)
     outcome = trial_results(sim.trials(times, ids, offsets), "first")
@@ -345,5 +354,5 @@ def exact_rescue(start: Start) -> Found:
 @integers_too
 @case
 def exact_growth(start: Start) -> Found:
-    """r_stdp with all weights at Wmax, so that growth is counted but changes nothing; many ties."""
+    """r_stdp with all weights at Wmax, so growth is counted but changes no weight; many decisions tie."""
     return taught(start, recogniser(r_stdp(Wmax=2.0), all_to_all(), weight=2.0, threshold=8.0))

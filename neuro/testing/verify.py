@@ -1,4 +1,4 @@
-"""Compare a backend with golden traces: folders of cases, each NAME.json and NAME.npz.
+"""Compare a backend with golden traces: a folder has the files NAME.json and NAME.npz of each case.
 
 The JSON file describes the simulation, and the npz file has its recorded results. The kind of a case follows from its
 content; see `neuro.testing.nest_traces`.
@@ -80,7 +80,7 @@ def _read(file: Path) -> Golden:
     if not arrays.is_file():
         raise ModelError(f"{arrays.name} is missing")
     try:
-        with arrays.open("rb") as opened, np.load(opened, allow_pickle=False) as stored:
+        with arrays.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             return Golden(facts, {name: stored[name] for name in stored.files})
     except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
         raise ModelError(f"{arrays.name} cannot be read: {error}") from None
