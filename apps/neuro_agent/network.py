@@ -209,8 +209,8 @@ def rates_of(settings: Settings, active: int) -> tuple[float, float]:
 def _etas(rates: tuple[float, float], active: int) -> tuple[float, float]:
     """Return the learning rates of the rules in mV, for the actor and the critic.
 
-    The trace of an active place is x = 1 / (1 - exp(-PERIOD / tau)) at a spike, and decays until the next. The rates use
-    the means of x and x^2 over a period.
+    The trace of an active place is x = 1 / (1 - exp(-PERIOD / tau)) at a spike, and decays until the next. The
+    rates use the means of x and x^2 over a period.
     """
     actor, critic = rates
     x = np.exp(-np.arange(PERIOD) / TAU) / (1.0 - math.exp(-PERIOD / TAU))

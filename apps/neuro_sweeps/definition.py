@@ -35,6 +35,7 @@ from neuro_sweeps.plan import SearchPlan, plan_of
 from neuro_sweeps.space import RunItem, SearchSpace, key_of, space_of
 
 Run = NetworkRun | FunctionRun
+# Words of a definition: of networks only, of all definitions, of the space of a sweep, of the plan of a search.
 _OF_NETWORKS = ("for", "backend", "threads", "metrics", "keep")
 _OF_ALL = ("name", "network", "study", "set", *_OF_NETWORKS, "time_limit", "memory_limit")
 _SPACE = ("parameters", "list", "sampling", "runs", "draw", "seeds")

@@ -31,7 +31,7 @@ OnKept = Callable[[str], None]
 
 
 class KnownRuns:
-    """Source of the runs that a folder lacks, out of runs that are known beforehand.
+    """Source of runs for `execute`: the runs of a known list that the folder lacks.
 
     Args:
         items: the runs.
@@ -283,7 +283,7 @@ def sweep(
         The table. `neuro_sweeps.table.table_of(out)` returns the table of a running sweep, also in another process.
 
     Raises:
-        ModelError: the function has not the parameters of the space; the space is empty or too large; the folder
+        ModelError: the function lacks a parameter of the space; the space is empty or too large; the folder
             belongs to another sweep or cannot be written.
     """
     points, limits = space_of(space, sampling, runs, seeds, draw), limits_of(time_limit, memory_limit)
@@ -353,7 +353,7 @@ def tune(
         the order of the objectives. `neuro.tuned(out)` returns the table of a running search, also in another process.
 
     Raises:
-        ModelError: Optuna is not installed; the function has not the parameters of the space or returns no objective;
+        ModelError: Optuna is not installed; the function lacks a parameter of the space or returns no objective;
             the space is empty; the folder belongs to another search, is damaged or cannot be written.
     """
     plan = plan_of(space, objectives, trials, sampler, draw, seeds, folds, prune)

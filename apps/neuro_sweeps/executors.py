@@ -1,9 +1,9 @@
 """Places where runs are done: this process, processes of this machine, or a Dask cluster; and shares for array jobs.
 
 Processes are those of `neuro.core.processes`, see `neuro_sweeps.worker`. A process writes the result of a run to disk
-before reporting it. So the folder always names the finished runs, whichever process is killed. A cluster returns only
-how runs ended, so losing a scheduler loses no result. A worker of a cluster has a process for each of its threads, so
-limits hold there as well.
+before reporting it. So the folder always names the finished runs, whichever process is killed. A cluster only returns
+whether runs failed, so no result is lost with a scheduler. A worker of a cluster has a process for each of its threads,
+so limits hold there as well.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from neuro_sweeps.worker import HINT, Worker
 
 
 def ends_of(folder: Folder, task: processes.Task) -> list[bool | None]:
-    """Return whether the runs of a task failed; None for a run on which another process works.
+    """Return for each run of a task whether it failed, or None if another process works on the run.
 
     A run whose process died too often or exceeded the time limit is saved as failed.
 
@@ -67,7 +67,7 @@ class Here:
     """This process as the place of runs, with the methods of `Processes`. Jobs are done one after the other.
 
     Args:
-        worker: does a run.
+        worker: worker that does the runs.
     """
 
     def __init__(self, worker: Worker) -> None:
@@ -102,6 +102,7 @@ CONNECT_S = 20.0
 MOST_AT_ONCE = 50
 """Largest number of runs in a job of a cluster."""
 
+# Names of the errors of Dask for a cluster that has stopped.
 _STOPPED = ("CancelledError", "FutureCancelledError", "CommClosedError", "StreamClosedError", "TimeoutError")
 _thread = local()
 

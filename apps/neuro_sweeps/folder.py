@@ -45,7 +45,7 @@ LEASE_S = 60.0
 """A claim of another machine is void if its file was last touched this long ago, or lies this far in the future."""
 
 WRITING_S = 1.0
-"""An empty claim is void after this time. Until then its process may still be about to write it."""
+"""Age in seconds after which an empty claim is void. A younger claim may still be written by its process."""
 
 BEAT_S = 10.0
 """Interval in seconds at which a process touches its claims."""
@@ -336,7 +336,7 @@ class Folder:
         self.runs, self.claims = path / "runs", path / "claims"
 
     def begin(self, content: Mapping[str, Any]) -> None:
-        """Create the folder with `content` as that of its file, or continue in the folder of the same sweep.
+        """Create the folder and its file with `content`, or continue in the folder of the same sweep.
 
         Raises:
             ModelError: the folder belongs to another sweep, has other files, or cannot be written.
@@ -446,7 +446,7 @@ class Folder:
             return None
 
     def outcomes(self, keys: Iterable[str]) -> dict[str, RunOutcome]:
-        """Return the outcomes of those of the runs that are kept."""
+        """Return the outcomes of the kept runs among `keys`, by key."""
         names = set(os.listdir(self.runs)) if self.runs.is_dir() else set()
         outcomes = ((key, self.outcome(key)) for key in keys if key in names)
         return {key: outcome for key, outcome in outcomes if outcome is not None}

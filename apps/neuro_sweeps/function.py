@@ -138,7 +138,7 @@ class ReportedSteps:
     """The steps that a run reports.
 
     Attributes:
-        is_worse: decides whether the run ends; None without pruning.
+        is_worse: function that decides whether the run ends; None without pruning.
         steps: values by step.
     """
 
@@ -346,6 +346,7 @@ def function_run(function: Any, set: Mapping[str, Any] | None = None, here: bool
 
 
 def _check_found_elsewhere(run: FunctionRun) -> None:
+    """Raise an error if other processes cannot find a function by its name."""
     if "<" in run.name or (run.module == "__main__" and not run.file):
         place = "inside another function" if "<locals>" in run.name else "interactively"
         if "<lambda>" in run.name:
@@ -355,6 +356,7 @@ def _check_found_elsewhere(run: FunctionRun) -> None:
 
 
 def _source(function: Callable[..., Any]) -> str:
+    """Return the hash of the source text of a function, or of its bytecode if there is no text."""
     try:
         text = inspect.getsource(function)
     except (OSError, TypeError):

@@ -134,7 +134,7 @@ class Journal:
 
 
 def _lines(logs: Iterable[dict[str, Any]], checksum_before: str) -> bytes:
-    """Return lines of the file for logs. `checksum_before` is that of the previous line."""
+    """Return lines of the file for logs. `checksum_before` is the checksum of the previous line."""
     lines = []
     for log in logs:
         plain = parsed(json.dumps(log))
@@ -204,7 +204,7 @@ class DraftStorage:
 
 
 def optuna() -> Any:
-    """Return the package Optuna, which logs errors only.
+    """Return the package Optuna, set to log errors only.
 
     Raises:
         ModelError: the package is not installed.

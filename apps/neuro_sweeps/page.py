@@ -32,6 +32,7 @@ PAGES = {
     for name in ("sweep", "tune")
 }
 
+# Largest numbers of rows of a page: of runs or trials, of errors, and of best trials; and of lines of a figure.
 MOST_ROWS = 500
 MOST_REASONS = 20
 MOST_BEST = 50

@@ -35,9 +35,10 @@ class PlotData:
     Attributes:
         kind: "lines", "map" or "parallel".
         metric: name of the metric.
-        names: names of the parameters: that of the horizontal axis, then those of lines or rows.
+        names: names of the parameters: first the one on the horizontal axis, then those of lines or rows.
         points: values of the parameters, and the metric of each run at these values.
-        averaged: what the means are over: parameters that vary but are not drawn, and "seeds" if there are several.
+        averaged: names over which the means are taken: parameters that vary but are not drawn, and "seeds" if there are
+            several.
     """
 
     kind: str

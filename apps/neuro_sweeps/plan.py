@@ -122,8 +122,8 @@ def plan_of(
     Raises:
         ModelError: the space is empty, or an argument has another form.
     """
-    aims = objectives_of(objectives)
-    chosen = sampler or ("tpe" if len(aims) == 1 else "nsga2")
+    directions = objectives_of(objectives)
+    chosen = sampler or ("tpe" if len(directions) == 1 else "nsga2")
     if chosen not in SAMPLERS:
         raise unknown("sampler", chosen, SAMPLERS, path=("sampler",))
     space = axes(parameters)
@@ -139,13 +139,13 @@ def plan_of(
             )
     return SearchPlan(
         space,
-        aims,
+        directions,
         _whole("trials", trials, 1, MOST_TRIALS),
         chosen,
         _whole("draw", draw, 0, 2**32 - 1),
         seeds_of(seeds),
         0 if folds is None else _whole("folds", folds, 2, 1000),
-        _prune(prune, aims),
+        _prune(prune, directions),
     )
 
 
@@ -230,12 +230,13 @@ def objectives_of(objectives: Any) -> dict[str, str]:
     return directions
 
 
-def mean_metrics(each: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def mean_metrics(metrics_of_runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the means over runs of the metrics that are numbers in all runs; for a single run all its metrics."""
-    if len(each) == 1:
-        return dict(each[0])
-    names = [name for name in each[0] if all(is_number(metrics.get(name)) for metrics in each)] if each else []
-    return {name: float(np.mean([metrics[name] for metrics in each])) for name in names}
+    if len(metrics_of_runs) == 1:
+        return dict(metrics_of_runs[0])
+    first = metrics_of_runs[0] if metrics_of_runs else {}
+    names = [name for name in first if all(is_number(metrics.get(name)) for metrics in metrics_of_runs)]
+    return {name: float(np.mean([metrics[name] for metrics in metrics_of_runs])) for name in names}
 
 
 def worth(metrics: Mapping[str, Any], objectives: Mapping[str, str]) -> list[float]:
@@ -260,7 +261,7 @@ def worth(metrics: Mapping[str, Any], objectives: Mapping[str, str]) -> list[flo
 
 
 def front(values: Floats, directions: Sequence[str]) -> NDArray[np.bool_]:
-    """Return which points are on the Pareto front.
+    """Return a mask of the points on the Pareto front.
 
     A point beats another point by being at least as good in all objectives, and better in one. The front has the points
     that no other point beats. With one objective the front is the best point.

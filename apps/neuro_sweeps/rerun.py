@@ -46,6 +46,7 @@ from neuro.apps import (
 from neuro.results import Weights
 
 _CODE = (*all_suffixes(), ".pth")
+"""Endings of files whose code Python runs."""
 _SETTINGS = (".numba_config.yaml", "matplotlibrc")
 """Files in the current folder that numba and matplotlib read as settings."""
 
@@ -143,6 +144,7 @@ def _may_be_copied(path: Path) -> bool:
 Repeat = Callable[[Sequence[str], Callable[[str], str]], list[str]]
 """Function that returns the arguments of a recorded command for a new folder, see `cli.recorded.repeated`."""
 
+# Advice for a file that cannot be repeated here.
 _BY_HAND = "repeat it yourself, and compare with neuro rerun FILE --against OTHER"
 
 
@@ -188,7 +190,8 @@ def rerun(
         inputs: folders in which missing inputs are searched by content.
         against: compare with this file instead of repeating the computation.
         bar: progress bar.
-        repeat: function that checks and converts the command of a page or a model; None refuses them.
+        repeat: function that checks and converts the command of a page or a model, see `Repeat`; with None, pages and
+            models are refused.
 
     Raises:
         ModelError: the file does not contain its origin, or cannot be repeated.
@@ -223,6 +226,7 @@ def _closed_streams() -> Iterator[None]:
 
 
 def _rerun_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | None) -> Verdict:
+    """Repeat the run of a file of results, and compare all results."""
     old = files.read(path)
     record = record_of(path, str(old.about.get(ATTRIBUTE) or ""))
     if record.get("steered"):
@@ -249,6 +253,7 @@ def _rerun_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | 
 
 
 def _run(old: files.Results, net: Network, record: Mapping[str, Any], backend: str, bar: Bar | None) -> files.Results:
+    """Run a network again with the recorded seed, threads and inputs, and return the new results."""
     from neuro import compile
     from neuro.apps import advance, collect
 
@@ -267,6 +272,7 @@ def _run(old: files.Results, net: Network, record: Mapping[str, Any], backend: s
 
 
 def _unweighted(part: Weights) -> Weights:
+    """Return the entry of a projection without its weights."""
     return Weights(part.source, part.target, part.synapse, part.synapses, part.counts)
 
 
@@ -418,7 +424,7 @@ _ON_PAGE = re.compile(rf'<meta name="{ATTRIBUTE}" content="([^"]*)">')
 
 
 def record_of(path: Path, text: str = "") -> dict[str, Any]:
-    """Return the provenance record of an HDF5 file or a page, or that of `text` if it was read already.
+    """Return the provenance record of an HDF5 file or a page; `text` is the record as text, if it was read already.
 
     Raises:
         ModelError: the file has no record, or is damaged.

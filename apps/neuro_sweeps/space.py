@@ -27,7 +27,7 @@ _RANGE = ("from", "to", "number", "scale", "whole")
 
 @dataclass(frozen=True, slots=True)
 class RunItem:
-    """A run.
+    """The inputs of a run.
 
     Attributes:
         key: hash of the inputs, and name of the run in the folder.

@@ -144,9 +144,9 @@ def _column_names(rows: list[dict[str, Any]]) -> list[str]:
     return list(rows[0]) if rows else []
 
 
-def names_of(each: Iterable[Mapping[str, Any]]) -> list[str]:
+def names_of(mappings: Iterable[Mapping[str, Any]]) -> list[str]:
     """Return the unique keys of some mappings, in order."""
-    return list(dict.fromkeys(name for mapping in each for name in mapping))
+    return list(dict.fromkeys(name for mapping in mappings for name in mapping))
 
 
 def columns(names: Iterable[str]) -> tuple[str, ...]:

@@ -53,13 +53,13 @@ class OpenTrial:
 
 
 class Asker:
-    """Asks Optuna for the trials of a search, queues their runs, and reports results to Optuna.
+    """Source of runs for `execute`: asks Optuna for trials, queues their runs, and reports results to Optuna.
 
     Args:
         plan: plan of the search.
         key_prefix: all inputs of a run but point and seed, see `key_of`.
         folder: folder of the search.
-        share: largest number of trials that this process asks for, without waiting for those of others; None for all
+        share: largest number of trials that this process asks for, without waiting for other processes; None for all
             remaining trials.
 
     Raises:
@@ -67,7 +67,7 @@ class Asker:
     """
 
     def __init__(self, plan: SearchPlan, key_prefix: str, folder: Folder, share: int | None = None) -> None:
-        self._plan, self._before, self._folder = plan, key_prefix, folder
+        self._plan, self._key_prefix, self._folder = plan, key_prefix, folder
         self._has_share, self._remaining = share is not None, plan.most if share is None else share
         self._claims = Claims(folder.claims)
         self._claims.beat()
@@ -85,7 +85,7 @@ class Asker:
         """Return up to `number` runs. New trials are requested when the queue is too short."""
         while len(self._queue) < number and (request := self._next_trial()) is not None:
             trial, point = request
-            self._open[trial] = OpenTrial(self._plan.items(self._before, point, trial))
+            self._open[trial] = OpenTrial(self._plan.items(self._key_prefix, point, trial))
             self._advance(trial)
         return [self._queue.popleft() for _ in range(min(number, len(self._queue)))]
 
@@ -95,7 +95,7 @@ class Asker:
             self._advance(number)
 
     def finished(self) -> bool:
-        """Return whether all trials are finished, without a share including those of other processes."""
+        """Return whether all trials are finished, also those of other processes; True with a share."""
         if self._has_share:
             return True
         trials = self._study.get_trials(deepcopy=False)
@@ -160,7 +160,7 @@ class Asker:
                     trial.requested.add(item.key)
 
     def _is_pruned(self, number: int, outcomes: Mapping[str, RunOutcome]) -> bool:
-        """Return whether a trial of several runs ends, since other trials were better after as many runs.
+        """Return whether a trial of several runs ends, since other trials were better after the same number of runs.
 
         The steps of a trial with a single run are only written to the journal, since its worker decides.
         """
@@ -280,7 +280,7 @@ def draw(study: Study, plan: SearchPlan, number: int) -> Point:
 
 
 def _value_of(axis: Axis, value: Any) -> Any:
-    """Return the value of a parameter for Optuna's value. Optuna has lists as texts."""
+    """Return the value of a parameter for Optuna's value, in which a list is a text."""
     return next((item for item in axis.grid_values if _choice(item) == value), value) if axis.values else value
 
 

@@ -35,7 +35,7 @@ class Worker:
     Args:
         folder: folder of the sweep.
         run: the function or network to run.
-        limits: limits of a run. Only the memory limit applies here; a time limit needs its own process.
+        limits: limits of a run. Only the memory limit applies here; a time limit needs a worker process.
         inputs: input files of the runs.
     """
 

@@ -14,10 +14,12 @@ from neuro.core.quantities import in_ms
 from neuro.core.values import shown
 
 NEVER = 2**62
+"""Step of an infinite time."""
 LARGEST = 2**40
 """Largest time, in steps."""
 
 TOLERANCE = 1e-6
+"""Largest distance of a time on the grid from a multiple of the resolution, in steps."""
 
 
 class Clock:
@@ -70,12 +72,12 @@ class Clock:
         Raises:
             ModelError: a value is not a time, or the end is before the begin.
         """
-        after = -1 if since is None else self.floor(since, "since")
-        to = NEVER if until is None else self.floor(until, "until")
-        if since is not None and until is not None and after > to:
+        since_step = -1 if since is None else self.floor(since, "since")
+        until_step = NEVER if until is None else self.floor(until, "until")
+        if since is not None and until is not None and since_step > until_step:
             message = f"since = {in_ms(since, 'since'):g} ms and until = {in_ms(until, 'until'):g} ms"
             raise ModelError(f"{message}: expected an end after the begin")
-        return after, to
+        return since_step, until_step
 
     def floors(self, times: NDArray[np.float64], label: str) -> NDArray[np.int64]:
         """Return the last step at or before each of many finite times.

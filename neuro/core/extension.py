@@ -87,18 +87,19 @@ def run_extensions(files: tuple[str, ...]) -> None:
             run_extension(file)
 
 
-def _check_name(path: Path, place: Path) -> None:
+def _check_name(path: Path, resolved: Path) -> None:
     """Refuse a file that is no module, or has the name of another module."""
     name = path.stem
     if path.suffix != ".py" or not name.isidentifier():
         raise ModelError(f"{path}: expected a Python file with a plain name, such as my_filter.py")
     module = sys.modules.get(name) or PathFinder.find_spec(name)
     origin = getattr(module, "__file__", None) or getattr(module, "origin", None)
-    if name in sys.stdlib_module_names or (module is not None and Path(origin or "").resolve() != place):
+    if name in sys.stdlib_module_names or (module is not None and Path(origin or "").resolve() != resolved):
         raise ModelError(f"{path}: '{name}' is the name of another module: expected another name")
 
 
 def _execute(path: Path, text: bytes) -> None:
+    """Run the text of a file as the module of its name. Errors have the line of the file."""
     spec = spec_from_file_location(path.stem, path.resolve())
     assert spec is not None
     module = module_from_spec(spec)

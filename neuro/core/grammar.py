@@ -20,6 +20,7 @@ from typing import TypeAlias
 
 from neuro.core.errors import ModelError, words_of
 
+# Limits of an expression, and the number of its characters in a message.
 MAX_CHARACTERS = 2000
 MAX_TOKENS = 400
 MAX_DEPTH = 40
@@ -28,7 +29,7 @@ _WINDOW = 60
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number; `unit` is the name of its unit, or ""."""
+    """A number; `unit` is the name of its unit, or "". In all trees, `at` is an index in the text, from 0."""
 
     value: float
     unit: str
@@ -73,6 +74,7 @@ class Call:
 Tree: TypeAlias = Number | Name | Negative | Binary | Call
 COMPARISONS = ("<=", ">=", "<", ">")
 _BINDING = {**dict.fromkeys(COMPARISONS, 1), "+": 2, "-": 2, "*": 3, "/": 3, "^": 5}
+# Strength with which a minus sign binds, between those of * and ^ in _BINDING.
 _SIGNED = 4
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)|(?P<name>[A-Za-z][A-Za-z0-9_]*)"

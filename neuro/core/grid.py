@@ -20,8 +20,8 @@ Result = dict[str, Any]
 class JobResults:
     """JSON files with the results of jobs.
 
-    A file appears when it is complete. A file that a person edited is never replaced. The description `of`, plain data
-    that decides the result, identifies a job: a file with another description belongs to another job.
+    A file appears when it is complete. A file that a person edited is never replaced. A job is identified by `of`,
+    plain data with all inputs that decide the result: a file with another `of` belongs to another job.
 
     Attributes:
         what: noun for messages, e.g. "a result of 'neuro drone compare'".

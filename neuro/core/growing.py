@@ -220,7 +220,7 @@ class JournalReader:
     def __init__(self, path: Path, what: str, *formats: str) -> None:
         self._disk = os.open(path, os.O_RDONLY)
         self._path, self._what, self._formats = path, what, formats
-        self._whole = b""
+        self._checked_front = b""
 
     def __del__(self) -> None:
         if hasattr(self, "_disk"):
@@ -247,8 +247,8 @@ class JournalReader:
             front = disk.front
             if front is None or front.format not in self._formats:
                 raise not_ours(self._path, self._what)
-            if front.written() == self._whole or front.fits(disk.at):
-                self._whole = front.written()
+            if front.written() == self._checked_front or front.fits(disk.at):
+                self._checked_front = front.written()
                 return disk
             status = os.fstat(self._disk)
             state = status.st_size, status.st_mtime_ns

@@ -61,7 +61,9 @@ __all__ = [
 ]
 
 FRONT = 512
+"""Length of the front in bytes."""
 BLOCK = 1 << 16
+"""Length of a block with one checksum in bytes."""
 WORD = b"neuro HDF5 1\n"
 """First bytes of a file of this package."""
 
@@ -95,7 +97,7 @@ class Front(NamedTuple):
 
     @classmethod
     def over(cls, format: str, size: int, sums: bytes) -> Front:
-        """Return the front of a file with these checksums."""
+        """Return the front of a file of `size` bytes with the checksums of its blocks."""
         head = f"{format}\n{size}\n".encode()
         return cls(format, size, hashlib.blake2b(head + sums, digest_size=16).hexdigest())
 
@@ -357,8 +359,8 @@ def check_tree(file: Any, several_names: bool = False) -> None:
     def refused_name(name: bytes, part: Any) -> bytes | None:
         if part.type == h5o.TYPE_DATASET:
             array = h5o.open(file.id, name)
-            made = array.get_create_plist()
-            if made.get_layout() == h5d.VIRTUAL or made.get_external_count():
+            options = array.get_create_plist()
+            if options.get_layout() == h5d.VIRTUAL or options.get_external_count():
                 return name
             if isinstance(array.get_type(), h5t.TypeReferenceID):
                 return name

@@ -17,6 +17,7 @@ CLOSED = "NEURO_STREAMS_CLOSED"
 __all__ = ["CLOSED", "digest_of", "existing", "file_path", "gathering", "record_input", "recorded_inputs"]
 
 _BLOCK = 1 << 20
+# Files that this process has read, and the files of each block of `gathering`, as the keys of dictionaries.
 _read: dict[str, None] = {}
 _lists: list[dict[str, None]] = []
 
@@ -55,6 +56,7 @@ def _folder_digest(folder: Path) -> str:
 
 
 _digests: dict[tuple[str, int, int], str] = {}
+"""Hashes by path, time of modification in ns, and size."""
 
 
 def digest_of(path: str | os.PathLike[str]) -> str:

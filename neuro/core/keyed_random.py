@@ -13,9 +13,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+# Odd factors of step and neuron in the input of `mix`.
 STEP_STRIDE = 0x9E3779B97F4A7C15
 NEURON_STRIDE = 0xD1B54A32D192ED03
 LARGEST_MEAN = 500.0
+"""Largest mean of `poisson_table`."""
 NTH_STRIDE = 1 << 48
 """Larger than the largest number of steps."""
 
@@ -58,7 +60,7 @@ def uniform_table(part_key: int, steps: NDArray[np.int64], neurons: int) -> NDAr
 
 
 def uniform_pairs(part_key: int, pre: NDArray[np.int64], post: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return a uniform number in [0, 1) for each pair of neurons: that of neuron `post` at step `pre`."""
+    """Return a uniform number in [0, 1) for each pair: the number of `uniform` for neuron `post` at step `pre`."""
     base = mix(np.uint64(part_key) + pre.astype(np.uint64) * np.uint64(STEP_STRIDE))
     bits = mix(base + post.astype(np.uint64) * np.uint64(NEURON_STRIDE))
     return (bits >> np.uint64(11)).astype(np.float64) * 2.0**-53

@@ -11,6 +11,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+# Files of Linux with the memory of the machine, all control groups, and the group of this process.
 _MACHINE = Path("/proc/meminfo")
 _GROUP = Path("/sys/fs/cgroup")
 _OURS = Path("/proc/self/cgroup")
@@ -61,7 +62,7 @@ def _of_group(group: Path) -> int | None:
 
 
 def _table(path: Path) -> dict[str, int]:
-    """Return the numbers in a file by word. Other lines than a word and a whole number are left out."""
+    """Return the numbers in a file by word, from the lines with a word and a whole number."""
     try:
         lines = [line.split() for line in path.read_text().splitlines()]
     except OSError:
@@ -85,7 +86,7 @@ def discard(array: NDArray[Any], first: int, last: int) -> None:
 
 
 def give_back() -> None:
-    """Return memory that was freed but is held by the C library to the system, if the library can."""
+    """Return freed memory that the C library still holds to the system, if the library can."""
     try:
         _library().malloc_trim(0)
     except (AttributeError, OSError, TypeError):  # another C library, or another system

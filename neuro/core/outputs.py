@@ -64,7 +64,9 @@ _NUMBERS = {"stdin": 0, "stdout": 1, "stderr": 2}
 _DIGITS = 32
 _number = itertools.count()
 _swept: set[Path] = set()
+"""Folders that `_sweep` has searched."""
 _pipes: dict[tuple[int, int], int] = {}
+"""Descriptors of open pipes by device and inode."""
 _READER_S = 2.0
 """Seconds that the reader of a pipe has to open it."""
 

@@ -31,6 +31,12 @@ def check_functions(label: str, model: type[Any], functions: Mapping[str, int]) 
 def fill(label: str, model: type[Any], p: Any, c: Any) -> None:
     """Compute the constants of a model for a step of 0.1 ms.
 
+    Args:
+        label: name of the model in messages.
+        model: the class.
+        p: values of the parameters.
+        c: array that receives the constants.
+
     Raises:
         TypeError: the model has more constants than `c` holds.
     """

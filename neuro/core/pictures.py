@@ -21,7 +21,7 @@ _PICTURES: dict[str, tuple[Kind, dict[str, str | None]]] = {
 
 
 def write_picture(path: Path, figure: Figure) -> None:
-    """Write a figure as PNG, PDF or SVG, as the ending of the name says. See `output` for errors."""
+    """Write a figure as PNG, PDF or SVG, by the ending of the name. See `output` for errors."""
     ending = path.suffix if path.suffix in _PICTURES else ".png"
     kind, metadata = _PICTURES[ending]
     with output(path, kind) as part:

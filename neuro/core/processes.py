@@ -27,6 +27,7 @@ from neuro.core.extension import extensions
 from neuro.core.system import only_on_linux, usable_cores
 
 TRIES = 2
+"""Largest number of attempts of a job, and of failed starts of processes in a row."""
 END_S = 5.0
 """Seconds that a process may take to end after its pipe is closed."""
 
@@ -180,6 +181,7 @@ class Processes:
         return finished
 
     def _hand_out(self) -> None:
+        """Start missing processes, and send waiting jobs to idle processes."""
         working = sum(bool(worker.task) for worker in self._processes)
         while len(self._processes) < min(self._count, len(self._waiting) + working):
             self._start()
@@ -198,9 +200,8 @@ class Processes:
             process_group=0,
         )
         worker_end.close()
-        os.environ["NEURO_COMPILING_REPORTED"] = (
-            "1"  # this process reports compilation, see `neuro.kernels.compile_report`
-        )
+        # This process reports compilation for all, see `neuro.kernels.compile_report`.
+        os.environ["NEURO_COMPILING_REPORTED"] = "1"
         worker = _Process(process, own_end, os.pidfd_open(process.pid))
         self._processes.append(worker)
         script = {word: value for word, value in spawn.get_preparation_data("").items() if word.startswith("init_main")}
@@ -213,12 +214,14 @@ class Processes:
         _send(worker, settings)
 
     def _ask(self, worker: _Process, task: Task) -> None:
+        """Send the job of a task to a process."""
         worker.task, worker.began = task, time.monotonic()
         worker.deadline = worker.began + self._seconds if self._seconds else float("inf")
         task.attempt += 1
         _send(worker, (task.attempt, task.job))
 
     def _receive(self, worker: _Process) -> list[Task]:
+        """Handle the next message of a process. Return its task if the task has ended."""
         try:
             kind, content = pickle.loads(worker.pipe.recv_bytes())
         except (EOFError, ConnectionResetError):

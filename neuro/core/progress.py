@@ -9,7 +9,9 @@ from typing import Any
 from neuro.core.system import shared
 
 EVERY_S = 10.0
+"""Seconds between two printed lines."""
 STRETCH_S = 0.2
+"""Seconds of a stretch of `advance`."""
 
 
 def _is_terminal() -> bool:
@@ -50,7 +52,7 @@ class Bar:
         self._line(text)
 
     def begin(self, done: float) -> None:
-        """Start the clock at an amount of work. The estimate leaves out the time before."""
+        """Start the clock at an amount of completed work. The estimate of the remaining time ignores this work."""
         self._bar.reset(self._task)
         self._began, self._done, self._from = time.monotonic(), done, done
 

@@ -41,6 +41,7 @@ _ALSO = ("torch", "scikit-learn", "nest-simulator")
 
 _MODULES = {"scikit-learn": "sklearn", "nest-simulator": "nest"}
 _MANY = 100
+"""Number of input files above which a folder replaces its files, if it has as many."""
 _FOLDER = Path(__file__).parents[2]
 
 

@@ -77,7 +77,7 @@ class Registry(Mapping[str, T], Generic[T]):
         self._homes: Mapping[str, str] = own if isinstance(own, Mapping) else {}
         self._parts: dict[str, T] = {} if isinstance(own, Mapping) else {name(part): part for part in own}
         self._registered: dict[str, T] = {}
-        self._whole: dict[int, T] = {id(part): part for part in self._parts.values()}
+        self._checked_parts: dict[int, T] = {id(part): part for part in self._parts.values()}
         self._closed_by = ""
         self._own, self._told = frozenset((*self._homes, *self._parts)), set[str]()
         _REGISTRIES.append(self)
@@ -103,7 +103,7 @@ class Registry(Mapping[str, T], Generic[T]):
         Raises:
             ModelError: a function is missing; the message names it.
         """
-        ours = id(part) in self._whole or self._homes.get(self._name(part)) == part.__module__
+        ours = id(part) in self._checked_parts or self._homes.get(self._name(part)) == part.__module__
         if not ours:
             self._completed(part)
 
@@ -188,7 +188,7 @@ class Registry(Mapping[str, T], Generic[T]):
             complete: T = self._complete(part)
         except TypeError as error:
             raise ModelError(str(error)) from None
-        self._whole[id(part)] = part
+        self._checked_parts[id(part)] = part
         return complete
 
 

@@ -43,7 +43,7 @@ def part(kind: type[Part], default: Part) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A value of the settings: full name, value, unit, meaning and source."""
+    """A value of the settings: full name, e.g. "segmenter.tau", value, unit, meaning and source."""
 
     name: str
     value: Any

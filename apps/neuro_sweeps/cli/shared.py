@@ -30,16 +30,16 @@ Pictures = Annotated[
 
 
 class Texts(NamedTuple):
-    """The help of the commands of a sweep or a search, and what they print.
+    """Help texts and functions in which the commands of a sweep and of a search differ.
 
     Attributes:
         what: "sweep" or "search".
         out: name of the default folder.
         run, status, page: help of these commands.
-        share: help of the option.
-        table_of: returns the table in a folder.
-        title: returns the line of the status before the numbers.
-        details: prints the best trials, and errors.
+        share: help of the option --share.
+        table_of: function that returns the table in a folder.
+        title: function that returns the text of the status before the numbers of runs.
+        details: function that prints the best trials and the errors of a table.
     """
 
     what: str
@@ -59,7 +59,7 @@ def commands_of(name: str, about: str, texts: Texts) -> tuple[typer.Typer, Any]:
     Args:
         name: name of the group, "sweep" or "tune".
         about: help of the group.
-        texts: what differs between both.
+        texts: texts and functions of this group.
     """
     commands = group(name, about)
     definition = typer.Argument(
