@@ -32,7 +32,7 @@ Act = Callable[[Any], Any]
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A training of one method with one seed, and its test.
+    """The training of a method with a seed, and the test.
 
     Attributes:
         name: name of the method, see `NAMES`.

@@ -86,7 +86,7 @@ class Acting:
         errors: Floats = self._taught(moment)
         if self._control == "frozen":
             return np.zeros_like(errors)
-        # The set of errors is fixed. Errors of the last steps show how well the agent does, so they would teach it.
+        # The set of errors is fixed. Errors of the last steps show how well the agent does, and would teach the agent.
         if self._errors.size < KEPT:
             self._errors = np.append(self._errors, errors)
         return self._rng.choice(self._errors, errors.shape)

@@ -348,7 +348,7 @@ class Silence:
         stimuli = all(self.program.populations[j].kind == "listed" for j in sources)
         probed = any(p.population == k and p.record not in ("spikes", "rate") for p in self.program.probes)
         severity = "note" if probed and stimuli and not self.wiring.out_of(k) else "fault"
-        # Recurrent weights are no remedy: they have no effect before the first spike, and too much after it.
+        # Recurrent weights have no effect before the first spike and too much after it, so a change is no remedy.
         active = [q for q in self.wiring.onto(k) if self.program.projections[q].source not in self.silent]
         inputs = [q for q in active if self.wiring.may_excite(q)] + self.wiring.onto(k, "current")
         slow = {j for j in (self.program.projections[q].source for q in inputs) if self.run.rate(j) < WITHERED_HZ}
@@ -438,7 +438,7 @@ def synchrony_findings(wiring: Wiring, run: Observation, k: int) -> Iterator[Fin
 
 
 def _volleys(bins: Ints, active: int, width: int) -> tuple[Ints, float, int] | None:
-    """Find volleys of a width: return their first bins, their share of all spikes, and the width.
+    """Find volleys of a width: return the first bins, the share of spikes in volleys, and the width.
 
     The result is None if the activity is not synchronous.
 

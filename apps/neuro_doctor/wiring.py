@@ -171,7 +171,7 @@ SETTLED = 50
 def is_short_term(rule: Synapse) -> bool:
     """Return whether a rule is short-term plasticity.
 
-    Such a rule ignores postsynaptic spikes, and sends a varying share of a fixed weight.
+    The rule ignores postsynaptic spikes, and sends a varying share of a fixed weight.
     """
     return rule.learns == "pairs" and not rule.post and hasattr(rule.arithmetic, "sent")
 

@@ -302,7 +302,7 @@ def spikes_of_gamma_processes(start: Start) -> Found:
 
 @case
 def recorded_spikes(start: Start) -> Found:
-    """spike_train: recorded spikes are emitted again; two spikes at one time become one of multiplicity 2."""
+    """spike_train: recorded spikes are emitted again; two spikes at one time become a spike of multiplicity 2."""
     rows = np.array([[0.1, 2.0], [0.1, 0.0], [0.1, 2.0], [7.3, 1.0], [30.0, 3.0]])
     sim = start(emitting(spike_train(spikes=rows)))
     sim.run(40.0)
