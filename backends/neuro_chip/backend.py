@@ -32,7 +32,7 @@ class ChipBackend:
 
     Args:
         family: the arithmetic of the chip.
-        description: text for people.
+        description: summary for users.
         unsupported: conformance cases that the chip cannot run, with reasons.
         target: the chip; by default the chip with the family's name.
     """
@@ -77,7 +77,7 @@ class ChipBackend:
         cores = cut(program, self.chip, **placing)
         if fits_one_chip(program, self.chip, cores):
             return problems
-        from neuro.chips.placing import place_cores  # only now the positions of cores matter
+        from neuro.chips.placing import place_cores  # one chip needs no positions of cores
 
         return (*problems, *place_cores(program, self.chip, cores).problems)
 

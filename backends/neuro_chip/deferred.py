@@ -12,7 +12,7 @@ from neuro.program.program import Floats, Ints
 from neuro_chip import spinnaker_learning as kernels
 
 _SPIKES: Ints = np.zeros(0, dtype=np.int64)
-"""Value in place of concentrations if events are post spikes."""
+"""Placeholder for the concentrations of post spikes, which have none."""
 
 
 class Deferred:
@@ -20,7 +20,7 @@ class Deferred:
 
     Args:
         rule: the rule.
-        row_ends, targets: the connections, like those of a program in layout csr.
+        row_ends, targets: the connections, in the csr layout of a program.
         n_targets: number of target neurons.
         words: words of the weights, as magnitudes.
         delays: ticks by which events of the post neurons act later, one per synapse.

@@ -33,7 +33,7 @@ def add(ring, place, below, word, times, capped):
     amount = np.int32(word * times)
     if not capped:
         ring[place] += amount
-    # SpiNNaker has an unsigned slot for each receptor: the magnitude of a negative word goes to the second one.
+    # SpiNNaker has an unsigned slot for each receptor: the magnitude of a negative word goes to the second slot.
     elif amount >= 0:
         ring[place] = min(np.int32(ring[place] + amount), FULL_SLOT)
     else:
@@ -57,7 +57,7 @@ def send(net, q, i, times, step):
         net.arrived_all[target[t.ARRIVED] + slot] = 1
         net.came[target[t.ARRIVED] + slot] = 1
         slots = net.ring[begin : begin + n]
-        if row[t.WORD_STRIDE] == 0:  # one word for all
+        if row[t.WORD_STRIDE] == 0:  # one word for all synapses
             word = net.words[row[t.WORD]]
             for k in range(n):
                 add(net.ring, begin + k, below, word, times, capped)
@@ -70,7 +70,7 @@ def send(net, q, i, times, step):
             if row[t.POSITIVE]:
                 send_capped(slots, words, np.int32(times))
             if row[t.NEGATIVE]:
-                # Times -1, so that words of the other sign become negative and are clipped to 0.
+                # Multiplied by -1, words of the other sign become negative and are clipped to 0.
                 send_capped(net.ring[begin + below : begin + below + n], words, np.int32(-times))
     elif row[t.LAYOUT] == t.CSR:
         first, last = net.rows[row[t.ROW] + i], net.rows[row[t.ROW] + i + 1]

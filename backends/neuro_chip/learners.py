@@ -79,7 +79,7 @@ class Learners:
             part = self._program.projections[index]
             (pre, payloads), (post, _) = fired(self._a, part.source), fired(self._a, part.target)
             if isinstance(plastic, Deferred):
-                if part.dopamine >= 0:  # packets reach all targets, or one each
+                if part.dopamine >= 0:  # packets reach all targets, or one target per source
                     ids, times = fired(self._a, part.dopamine)
                     n = self._program.populations[part.target].size
                     spikes = np.repeat(ids, times)
@@ -302,7 +302,7 @@ class Delays:
         """Return the delay registers or the tags; None for another name."""
         if name == "delay":
             return register(self._lags(index).astype(np.int32), REGISTER_OF_ONE).astype(np.int64)
-        # The tag is signed, from -128 to 127: the register has the nearest step, not the one below.
+        # The tag is signed, from -128 to 127: the register has the nearest step, not the step below.
         return self.units[index] - FRACTIONS * self.steps(index) if name in ("t", "tag") else None
 
     def bounds(self, index: int) -> tuple[int, int]:

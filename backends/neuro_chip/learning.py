@@ -16,7 +16,7 @@ Loihi 1, in each step: every trace decays, spikes add their impulses, and at the
 * A product gated by x0 reads all traces at the step of the epoch's last pre spike, a product gated by y0 at the step of
   its last post spike, and a product gated by u_k at the end of the epoch (lava). With epochs of one step all three are
   equal. r1 and r2, which come from outside, are read at the end of the epoch.
-* dw and dt are computed from the values before either change is applied (both agree).
+* dw and dt are computed from the values before either change is applied (both references agree).
 * A product is scaled exactly, truncated towards 0 to multiples of 2^-7 of a mantissa, clipped to 16 bits, and added to
   the variable in a 16-bit accumulator that saturates (lava). The sum is rounded once, by a keyed draw, to the
   resolution of the weight (`AWAY`: see `LearningRule.rounding`), and the weight is clipped to the range of its sign
@@ -27,8 +27,8 @@ Differences between the references:
 * Draws: Brian2Loihi draws for each synapse and trace, from the fraction of the value before the impulse. lava draws a
   single number for all neurons and traces. Here each neuron and trace has its own draw, from the fraction of its own
   value.
-* Changes below a mantissa: Brian2Loihi rounds away from 0, and products of spikes then towards 0 to the weight's step,
-  because its draw is made before the spikes arrive. lava rounds stochastically from 7 bits. Here: `rounding`.
+* Changes below a mantissa: Brian2Loihi rounds away from 0. It then rounds products of spikes towards 0 to the weight's
+  step, because its draw is made before the spikes arrive. lava rounds stochastically from 7 bits. Here: `rounding`.
 * Products of several factors: lava drops low bits without compensation, so that its scale differs from that of the
   rule. Brian2Loihi keeps fractions. Here the scale is exact, and bits below 2^-7 are truncated.
 * Several spikes of a neuron in an epoch: lava moves all but the last to the beginning of the epoch. Here each acts at
@@ -137,7 +137,7 @@ def decay(history, slot, keep, keys, step):
 
 @kernel
 def spike(history, slot, impulses, ids, times):
-    """Add the impulses of the neurons `ids`, which fired in this step, and store the step; return the saturations."""
+    """Add the impulses of the neurons `ids`, which fired in this step; store the step and return the saturations."""
     saturated = 0
     for n in range(ids.size):
         i = ids[n]
@@ -201,7 +201,7 @@ def microcode(product, base_of, rounded, lowest):
         total = begin
         for n in range(first, end):
             gate = terms[n, GATE]
-            if (number & terms[n, MASK]) != 0:  # u_k in another epoch
+            if (number & terms[n, MASK]) != 0:  # u_k does not act in this epoch
                 continue
             if gate == X0:
                 slot = np.int64(traces.tx[i]) - 1

@@ -88,7 +88,7 @@ def settle_locally(net, row, step):
     winner = choose(net, row, lo, hi, 1, step)
     while winner >= 0:
         win(net, row, winner, step)
-        # A winner silences others, so the next best is searched again.
+        # A winner silences other neurons, so the next best is searched again.
         winner = choose(net, row, lo, hi, 1, step)
     for i in range(lo, hi):
         if net.fired[i] and not net.muted[i] & t.WON:
@@ -342,7 +342,7 @@ def update_and_fire(net, pop, row, step):
 
 @subkernel
 def relay(net, pop, row, step):
-    """Emit as many spikes of each parrot as arrived."""
+    """Emit for each parrot neuron as many spikes as arrived at it."""
     n = row[t.END] - row[t.BEGIN]
     begin = row[t.RING] + (step & (row[t.SLOTS] - 1)) * n
     for k in range(n):
@@ -389,7 +389,7 @@ def advance(view, words, end):
     `net`.
     """
     net = net_of(view, words)
-    net.resting[:] = 0  # the host may have written anything
+    net.resting[:] = 0  # the host may have changed any state
     total = net.v.size  # largest number of events in a step; without room the caller empties the record
     while net.stop[0] == 0 and net.clock[t.STEP] < end and net.clock[t.RECORDED] + total <= net.rec_steps.size:
         step = net.clock[t.STEP] + 1
@@ -416,7 +416,7 @@ def advance(view, words, end):
 def keep_states(net, pop, row):
     """Store the states of a population for `stayed`; return its counts."""
     lo, hi = row[t.BEGIN], row[t.END]
-    # Called only without input: a step with input is never at rest, so it need not pay for this.
+    # Called only without input: a population with input is never at rest, so its step skips this work.
     copy(net.still[0, lo:hi], net.v[lo:hi])
     copy(net.still[1, lo:hi], net.u[lo:hi])
     copy(net.still[2, lo:hi], net.g_inh[lo:hi])

@@ -42,7 +42,7 @@ class Learner:
 
     Args:
         rule: the rule.
-        row_ends, targets: the connections, like those of a program in layout csr.
+        row_ends, targets: the connections, in the csr layout of a program.
         n_targets: number of target neurons.
         weights: mantissas of the synapses.
         ends: the smallest and the largest weight, then the smallest and the largest tag.
@@ -135,7 +135,7 @@ class Learner:
         raise NotImplementedError
 
     def trace(self, name: str, step: int) -> Floats:
-        """Return a trace of all its neurons after a step."""
+        """Return a trace of all neurons of its side (sources or targets) after a step."""
         raise NotImplementedError
 
     def modulatory(self, step: int) -> NDArray[np.uint8]:
@@ -206,7 +206,7 @@ class Plastic(Learner):
             kernels.learn_loihi(self.terms, self.settings, self._traces, self.synapses, self._draws, step, self.counts)
 
     def trace(self, name: str, step: int) -> Floats:
-        """Return a trace of all its neurons after a step."""
+        """Return a trace of all neurons of its side (sources or targets) after a step."""
         history, names = (self.xs, PRE) if name in PRE else (self.ys, (*POST, *MODULATORY))
         trace: Floats = history[(step - 1) % self.epoch, names.index(name)].astype(np.float64)
         return trace
@@ -332,7 +332,7 @@ class TwoFactors(Learner):
         return history
 
     def trace(self, name: str, step: int) -> Floats:
-        """Return a trace of all its neurons after a step."""
+        """Return a trace of all neurons of its side (sources or targets) after a step."""
         trace: Floats = (self.xs[PRE.index(name)] if name in PRE else self.ys[POST.index(name)]).astype(np.float64)
         return trace
 
@@ -354,7 +354,7 @@ class ThreeFactors(TwoFactors):
     """
 
     def __init__(self, name: str, seed: int, rule: LearningRule, numbers: Mapping[str, Any], *synapses: Any) -> None:
-        # In lava the engine adds no impulse to the sent values, and they decay with 2^16 - 1 steps.
+        # In lava the engine adds no impulse to the sent values, which decay with a tau of 2^16 - 1 steps.
         engine = {f"{trace}_{word}": value for trace in POST for word, value in (("impulse", 0), ("tau", 65535))}
         super().__init__(name, seed, rule, {**numbers, **engine}, *synapses)
         self.ys = np.zeros((len(POST), self.ty.size), dtype=np.uint8)

@@ -41,7 +41,7 @@ class ChipRegisters:
         return self._names[population].get(name, (name,))
 
     def relative_to_rest(self, population: int, parameters: Container[str]) -> list[str]:
-        """Return the name of the potential if one of `parameters` can change the rest at which its register is 0."""
+        """Return the name of the potential if one of `parameters` can change the resting potential, stored as 0."""
         model = self._program.program.populations[population].model
         if "E_L" not in parameters and not isinstance(model, EquationNeuron):
             return []

@@ -201,16 +201,16 @@ class RunningMachine:
         """Warn once about each kind of overflow, or raise an error if `strict`."""
         overflows = self.native(t.MERGED) | (self.learners.overflows() if self._learns else {})
         arithmetic = arithmetic_of(self.fixed.chip)
-        for what in [what for what in overflows if what not in self._warned]:
-            self._warned.add(what)
-            text = f"backend '{self.fixed.chip.name}': {overflows[what]} {what} up to step {self.step}"
-            # The hint tells how to keep the register from overflowing.
+        for overflow in [name for name in overflows if name not in self._warned]:
+            self._warned.add(overflow)
+            text = f"backend '{self.fixed.chip.name}': {overflows[overflow]} {overflow} up to step {self.step}"
+            # The hint explains how to keep the register from overflowing.
             hint = "lower its weights or its input"
             for part, cells in zip(self.program.populations, self.cells.fixed, strict=True):
-                if what.endswith(f" of {part.name}") and not part.model.chip and cells.kind in arithmetic.states:
+                if overflow.endswith(f" of {part.name}") and not part.model.chip and cells.kind in arithmetic.states:
                     hint = arithmetic.way_out(cells)
                     break
             if self._strict:
                 raise ModelError(text, hint=f"{hint}, or run without strict=True")
             message = f"{text}; counts().native has their number\n  hint: {hint}"
-            warnings.warn(OverflowWarning(message, what, hint), stacklevel=4)
+            warnings.warn(OverflowWarning(message, overflow, hint), stacklevel=4)

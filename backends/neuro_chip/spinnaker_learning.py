@@ -313,7 +313,7 @@ def visit(rule, history, synapses, e, t, p, r1, r2, counts):
     tag = i64(synapses.tags[e]) << (shift if taught else 0)
     position, level = p, i64(0)
     if taught and index > 0:
-        # Without the delay, as in the programs, although entries act later by the delay everywhere else.
+        # The delay is ignored here, as in the programs, although entries act later by the delay everywhere else.
         level = fine(history.traces[j, index, DOPAMINE], decay(rule, D, p - history.times[j, index]))
     marks = history.marks[j] >> (n - (newest - index))
     for k in range(index + 1, newest + 1):

@@ -14,7 +14,7 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from neuro.core.interrupts import AT_ONCE as AT_ONCE  # the kernels compare `stop` with it
+from neuro.core.interrupts import AT_ONCE as AT_ONCE  # the kernels compare `stop` with this value
 from neuro.kernels.address import Views, fields_of, pointer, row_of, table_of
 
 Arrays = dict[str, NDArray[Any]]
@@ -183,7 +183,7 @@ rec_counts i8 1
 """
 
 _FIELDS = {kind: fields_of(NET.format(words=kind)) for kind in ("i2", "i4")}
-_VIEWS = {getattr(types, np.dtype(kind).name): Views(f"Chip {kind}", 0, each) for kind, each in _FIELDS.items()}
+_VIEWS = {getattr(types, np.dtype(kind).name): Views(f"Chip {kind}", 0, fields) for kind, fields in _FIELDS.items()}
 
 
 class Bound:

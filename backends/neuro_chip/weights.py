@@ -30,7 +30,7 @@ class ChipWeights:
 
     Attributes:
         wires: the projections at their present scale.
-        mantissas: mantissas of each projection, shape (1,) where shared.
+        mantissas: mantissas of each projection, shape (1,) if all synapses share one.
         rules: parameters of the rules for trials, by projection.
         updates: number of weights that the host changed at the end of trials, by projection.
     """
@@ -79,7 +79,7 @@ class ChipWeights:
         return np.broadcast_to(self.mantissas[index], part.size).astype(np.int64)
 
     def before_rounding(self) -> dict[int, Floats]:
-        """Return the weights of all projections with spikes as described or set, or as learnt.
+        """Return the weights of all projections that carry spikes: as described, as set by the user, or as learnt.
 
         A new scale rounds these weights, so that no weight is rounded twice.
         """
@@ -101,9 +101,9 @@ class ChipWeights:
         if wires is None:
             raise ModelError(f"weights of '{part.name}', which carries a current, are fixed on a chip")
         if chosen is not None and not part.synapse.learns:
-            weights = np.where(chosen, weights, self._before_rounding(index))  # the others are rounded once
+            weights = np.where(chosen, weights, self._before_rounding(index))  # others are rounded only once
         mantissas = _nearest(wires, weights)
-        is_sent = wires.acting(self._arithmetic.words(wires, mantissas)) == weights  # a read weight can be written
+        is_sent = wires.acting(self._arithmetic.words(wires, mantissas)) == weights  # a read weight can be written back
         exact = wires.exact(weights)
         if wires.native:
             # Like quantising, refuse weights that are no mantissa; `is_sent` marks weights that some mantissa sends.
@@ -164,7 +164,7 @@ class ChipWeights:
         )
 
     def take(self, wires: Mapping[int, FixedProjection]) -> None:
-        """Replace the scales of some projections, and the mantissas of those whose scale changes."""
+        """Replace the scales of some projections, and the mantissas of each projection whose scale changes."""
         for index, new in wires.items():
             has_same_step = np.array_equal(new.step, self.wires_of(index).step)
             self.wires[index] = new

@@ -3,7 +3,7 @@
 Pair learning is eager here: every synapse processes every event. A spike of the target reaches a synapse after the
 delay of the synapse, or at once if the delay learns. So each synapse has its own K-, the trace of the post spikes that
 have reached this synapse, see `Traces`. A kernel of a grid learns from all its places together, see `SharedLearning`.
-By moves, eligibility is gathered step by step, and a signal applies it to the weights.
+Learning by moves gathers an eligibility step by step, and a signal applies the eligibility to the weights.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class PairLearning:
     """States of the plastic synapses of one projection.
 
     Attributes:
-        rule: numbers of the synapse model, for all synapses or a row for each.
+        rule: numbers of the synapse model, one row for all synapses or one row per synapse.
         c: constants computed from the rule, a row for each synapse.
         y: weight and states of every synapse.
         back: delay after which a spike of the target reaches a synapse, in steps.
@@ -38,7 +38,7 @@ class PairLearning:
         reached: step up to which a modulated synapse is integrated.
         pre: traces of each source.
         post: traces of each synapse, of the post spikes that have reached it.
-        n, n_step: dopamine of each target at a step.
+        n, n_step: dopamine of each target, and the step at which it had this value.
         posts: post spikes under way, (steps, synapse).
         doses: dopamine spikes under way, (steps, target).
     """
@@ -133,7 +133,7 @@ class PairLearning:
         self.n[:], self.n_step[:] = values, step
 
     def set_rule(self, rule: Floats, step: int) -> None:
-        """Set the rule's numbers at the end of a step. Earlier steps keep the old ones."""
+        """Set the rule's numbers at the end of a step. Earlier steps keep the old numbers."""
         self._integrate_all(step)
         self.pre.decay_to(step)
         self.post.decay_to(step)
@@ -216,7 +216,7 @@ class SharedLearning:
         n: dopamine of each target.
         eligibility: eligibility of each synapse.
         change: change of each weight in the present step.
-        changed: which synapses have changed their weight in the present step.
+        changed: mask of the synapses that have changed their weight in the present step.
         posts, doses: post and dopamine spikes under way, (steps, targets).
     """
 
@@ -361,7 +361,7 @@ class Traces:
 
     Args:
         kinds: the traces that the rule reads.
-        taus: time constant of each trace in ms, one or one per place.
+        taus: time constant of each trace in ms, one value or one per place.
         n: number of sources or synapses.
         h: length of a step in ms.
 

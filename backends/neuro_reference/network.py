@@ -41,7 +41,7 @@ class ReferenceNetwork:
         silenced: neurons of each population that must not fire.
         notes: states of synapses at pre spikes, for probes.
         pairs, moves, shared: learning of the plastic projections, by projection.
-        by_numbers: learning in which a new rule needs no update of the states, by projection.
+        by_numbers: learning whose states need no update when the numbers of its rule change, by projection.
         rules: numbers of the rules for trials, by projection.
         trial_updates: number of weights changed at the end of trials, for each projection.
     """
@@ -109,7 +109,7 @@ class ReferenceNetwork:
         Args:
             presented: neurons of the trials' input that emit an additional spike in this step.
         """
-        # The spikes of the last step teach and are sent now. Spikes sent `at_once` are already under way.
+        # Now the spikes of the last step update plastic synapses and are sent, except spikes sent `at_once` before.
         for index, synapses in enumerate(self.synapses):
             if not synapses.at_once:
                 self.send(index, self.step)

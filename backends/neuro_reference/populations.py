@@ -59,7 +59,7 @@ class ReferencePopulation:
         self.runs = [(0, self.size)] if all_equal else [(i, i + 1) for i in range(self.size)]
 
     def update(self, x: Floats, i_0: Floats, step: int) -> NDArray[np.uint8]:
-        """Step every neuron; return how often each reached threshold.
+        """Step every neuron; return how often each neuron reached threshold.
 
         Args:
             x: input by receptor, shape (receptors, size).

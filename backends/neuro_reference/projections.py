@@ -18,7 +18,7 @@ class ReferenceProjection:
 
     Attributes:
         source, target, delay: source, target and delay in steps of every synapse, sorted by source, then target. A
-            learnt delay is that of the last spike.
+            learnt delay is the delay of the last spike.
         at_once: whether spikes are sent in the step in which they are emitted. True for generators, unless the synapses
             learn by pairs.
         late: delays in ms that a rule for trials changes.

@@ -106,7 +106,7 @@ class TorchBackend:
             program: the network, which `problems` accepts.
             threads: number of threads that torch uses during a run.
             device: "cpu", "cuda" or "cuda:1".
-            options: further options; any name is an error.
+            options: `strict` has no effect; any other name is an error.
 
         Raises:
             ModelError: torch is not installed, the device does not exist, or an option is unknown.

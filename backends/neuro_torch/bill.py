@@ -66,7 +66,7 @@ class Bill:
     Args:
         module: the network, a `neuro_torch.Module`.
         chip: name of a chip or processor with published costs, or a table file.
-        neurons_per_core: fewer neurons on a core than the chip allows, so that the busiest core has less to do.
+        neurons_per_core: limit of neurons per core, if lower than the chip's; the busiest core then has less work.
 
     Attributes:
         chip: the target.
@@ -170,12 +170,12 @@ class _Time:
     """Run time of a recording on the chip: steps x the barrier of a step + the work of the busiest core."""
 
     def __init__(self, program: Program, chip: Chip, placement: Placement | None) -> None:
-        self._program, self._each, self._works = program, 0.0, False
+        self._program, self._step_seconds, self._has_cores = program, 0.0, False
         if chip.step_s is not None:
-            self._each = chip.step_s.value
+            self._step_seconds = chip.step_s.value
         elif placement is not None and all(name in chip.costs for name in BARRIERS):
-            self._each = barrier(placement, chip, {"chips": float(placement.chips_used)})
-            self._works = True
+            self._step_seconds = barrier(placement, chip, {"chips": float(placement.chips_used)})
+            self._has_cores = True
             sizes = [part.size for part in program.populations]
             share = np.zeros((len(placement.cores), len(sizes)))
             for row, core in zip(share, placement.cores, strict=True):
@@ -189,8 +189,8 @@ class _Time:
     def __call__(self, outcome: Counted) -> Tensor:
         """Return seconds per mean recording."""
         first_counts = _mean(next(iter(outcome.counts.values())))
-        if not self._works:
-            return first_counts.new_tensor(outcome.steps * self._each)
+        if not self._has_cores:
+            return first_counts.new_tensor(outcome.steps * self._step_seconds)
         work = [first_counts.new_zeros(()) for _ in self._program.populations]
         for index, part in enumerate(self._program.populations):
             if part.kind == "neuron":
@@ -200,7 +200,7 @@ class _Time:
         for projection, fans in zip(self._program.projections, self._fans, strict=True):
             counts = _mean(outcome.counts[self._program.populations[projection.source].name])
             work[projection.target] = work[projection.target] + (counts * fans.to(counts.device)).sum() * self._op
-        return outcome.steps * self._each + (self._share.to(first_counts.device) @ torch.stack(work)).amax()
+        return outcome.steps * self._step_seconds + (self._share.to(first_counts.device) @ torch.stack(work)).amax()
 
 
 _UPDATES = ("neuron_update_active", "neuron_update_inactive")

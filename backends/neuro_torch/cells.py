@@ -25,7 +25,7 @@ class TensorCells:
     Attributes:
         states: one tensor per state, shape (batch, size).
         parameters: current values by name, on the host.
-        constants: derived from the parameters: one number for all neurons, or a tensor with one per neuron.
+        constants: constants of the step, computed from the parameters: one number each, or a tensor of shape (size,).
 
     Args:
         part: the population.
@@ -33,7 +33,7 @@ class TensorCells:
         resolution: length of a step in ms.
         seed: seed of neurons that fire at random.
         device: device of the tensors.
-        learnt: trainable parameters by name, tensors of shape (1,) or (size,).
+        trainable: tensors of the parameters that learn, by name, shape (1,) or (size,).
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class TensorCells:
     def step(
         self, x: Tensor | list[Tensor], current: Tensor | float, step: int, surrogate: Surrogate | None = None
     ) -> Tensor:
-        """Step every neuron; return its number of spikes, or the payload of a graded neuron, as doubles.
+        """Step every neuron; return spike counts, or payloads if graded, as doubles (batch, size).
 
         Args:
             x: arrived input, shape (receptors, batch, size), or a list of (batch, size) tensors, one per receptor.
@@ -189,13 +189,13 @@ def graded_payloads(part: Population, drive: Tensor, task: ScanTask, resolution:
         resolution: length of a step in ms.
     """
     cells = TensorCells(part, task.batch, resolution, 0, task.device)
-    none = torch.zeros_like(drive[:, 0], dtype=torch.float64)
-    payloads = [cells.step([x.double(), none], 0.0, t, task.surrogate) for t, x in enumerate(drive.unbind(1), 1)]
+    no_input = torch.zeros_like(drive[:, 0], dtype=torch.float64)
+    payloads = [cells.step([x.double(), no_input], 0.0, t, task.surrogate) for t, x in enumerate(drive.unbind(1), 1)]
     return torch.stack(payloads, 1).to(task.dtype)
 
 
 def graded_messages(part: Population, payloads: Tensor, surrogate: Surrogate) -> Tensor:
-    """Return 1 where a payload is sent, else 0; the gradient lowers a payload towards the threshold of sending.
+    """Return 1 where a payload is sent, else 0. To send fewer messages, descent makes payloads smaller.
 
     Args:
         part: the population.

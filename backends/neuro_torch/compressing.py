@@ -1,8 +1,8 @@
 """Smaller networks: weights rounded as on a chip while a module trains, and pruning of the smallest weights.
 
-The gradient passes through the rounding unchanged (straight-through estimator), so training compensates for the loss.
+The gradient passes through the rounding unchanged (straight-through estimator), so training compensates for it.
 
-On Loihi the chip then keeps every learnt weight exactly if all weights onto a population learn. Weights that do not
+On Loihi the chip represents every learnt weight exactly if all weights onto a population learn. Weights that do not
 learn share the scale but are not rounded here, so they may change the scale, and learnt weights are rounded once more
 (by 7e-4 of the largest weight at most in tests). On SpiNNaker the words are the same and represent the weights
 within 2^-15 in single precision and 2^-43 in double precision.
@@ -34,7 +34,7 @@ from neuro_torch.module import Module
 __all__ = ["largest", "prune", "quantised"]
 
 BATCHES_PER_CHOICE = 50
-"""Batches of a training from one choice of the chip's scales to the next."""
+"""Number of training batches between two choices of the chip's scales."""
 
 
 def quantised(module: Module, bits: int = 8, chip: str | PathLike[str] = "loihi") -> Module:
@@ -46,8 +46,8 @@ def quantised(module: Module, bits: int = 8, chip: str | PathLike[str] = "loihi"
 
     Args:
         module: the network.
-        bits: bits of a weight, sign included, from 1 to those of the chip (8 on Loihi). With one bit every weight is
-            plus or minus half of the largest. On a chip without negative weights the bit says whether there is a
+        bits: number of bits of a weight with its sign, 1 to the chip's number (8 on Loihi). With one bit every weight
+            is plus or minus half of the largest. On a chip without negative weights the bit says whether there is a
             weight.
         chip: name or table file of a chip that has an arithmetic.
 

@@ -28,7 +28,7 @@ class TensorRecord:
 
     Args:
         size: number of neurons.
-        keeps: whether spikes are recorded; counts always are.
+        keeps: whether to record spikes; counts are always recorded.
         graded: whether multiplicities are payloads, so that each message counts as one spike.
     """
 
@@ -62,8 +62,8 @@ class TensorRecord:
     def since(self, step: int) -> Spikes:
         """Return the spikes after a step."""
         first = next((k for k, steps in enumerate(self.steps) if steps[0] > step), len(self.steps))
-        none = np.zeros(0, dtype=np.int64)
-        columns = (np.concatenate([none, *column[first:]]) for column in (self.steps, self.ids, self.multiplicity))
+        no_spikes = np.zeros(0, dtype=np.int64)
+        columns = (np.concatenate([no_spikes, *column[first:]]) for column in (self.steps, self.ids, self.multiplicity))
         steps, ids, multiplicity = columns
         return Spikes(steps, ids, multiplicity.astype(np.int64))
 
@@ -122,7 +122,7 @@ class TorchEngine:
         self.stepper.sources[population].inject(steps, ids, self.step, payloads)
 
     def signal(self, signal: int, values: Floats) -> None:
-        """Ignore a signal: rules under dopamine are refused, so nothing receives one."""
+        """Ignore a signal: no projection receives it, because rules with dopamine are refused."""
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
         """Return a state or parameter of all neurons, or of some."""
@@ -216,11 +216,11 @@ class TorchEngine:
         raise NotImplementedError
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
-        """Raise NotImplementedError, as `present`."""
+        """Raise NotImplementedError, as `present` does."""
         raise NotImplementedError
 
     def encourage(self, projection: int, maps: Ints) -> None:
-        """Raise NotImplementedError, as `present`."""
+        """Raise NotImplementedError, as `present` does."""
         raise NotImplementedError
 
 
@@ -298,7 +298,7 @@ def put_snapshot(stepper: Stepper, records: Sequence[TensorRecord], arrays: Arra
 
 
 def _spikes_in_flight(emissions: Sequence[tuple[int, Emitted]]) -> NDArray[Any]:
-    """Return step, neuron and multiplicity of all spikes that have not arrived everywhere, shape (3, spikes)."""
+    """Return step, neuron and multiplicity of spikes that some targets have not received, shape (3, spikes)."""
     columns = [np.zeros((3, 0), dtype=np.int64)]
     for step, emitted in emissions:
         rows: Tensor = torch.stack([emitted.neuron, emitted.multiplicity.to(torch.int64)]).cpu()

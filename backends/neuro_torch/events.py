@@ -24,8 +24,8 @@ class Train:
 
     Attributes:
         ends: spikes of recording b are `ends[b] : ends[b + 1]`, shape (batch + 1,), int64.
-        step: step of each spike, from 0.
-        neuron: neuron of each spike.
+        step: step of each spike, from 0, shape (spikes,), int32.
+        neuron: index of the neuron of each spike, shape (spikes,), int32.
     """
 
     ends: NDArray[np.int64]
@@ -67,7 +67,7 @@ class Events:
         trains: the spikes by population.
 
     Raises:
-        ModelError: the arrays hold other than whole numbers, differ in length, or are out of range.
+        ModelError: an array holds numbers that are not whole or are out of range, or the arrays differ in length.
     """
 
     def __init__(self, batch: int, steps: int, spikes: Mapping[str, tuple[Any, Any, Any]]) -> None:
@@ -76,7 +76,7 @@ class Events:
 
     @classmethod
     def of_trains(cls, steps: int, trains: Mapping[str, Train]) -> Events:
-        """Make a batch of trains that are sorted and without duplicates; nothing is checked."""
+        """Make a batch from trains that are already sorted and free of duplicates, without checks."""
         self = object.__new__(cls)
         self.batch = next((len(train.ends) - 1 for train in trains.values()), 0)
         self.steps, self.trains = steps, dict(trains)
@@ -122,10 +122,10 @@ class Events:
         """Make a batch from recordings of event cameras.
 
         Args:
-            recordings: `neuro.events.Events`, or objects with their `t` (us), `x`, `y` (px) and `p`.
+            recordings: `neuro.events.Events`, or objects with the same attributes `t` (us), `x`, `y` (px) and `p`.
             population: name of the population of the pixels.
-            shape: shape of the population: (2, rows, columns), OFF then ON, or (rows, columns) for both polarities as
-                one.
+            shape: shape of the population: (2, rows, columns), OFF then ON, or (rows, columns) if both polarities
+                share a neuron.
             step: step of the network, ms.
             duration: part of each recording to use in ms, a multiple of the step.
             scale: number of pixel rows and columns that one neuron stands for.

@@ -68,7 +68,7 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
 
 
 def checked(part: Population, value: Any) -> Any:
-    """Check the input of a generator and return it: sparse spikes, a dense tensor or array, or None if not named.
+    """Check the input of a generator and return it: sparse spikes, a dense tensor or array, or None.
 
     Raises:
         ModelError: a shape or a neuron is wrong, or the batch names no input for a generator without spikes of its own.
@@ -90,7 +90,7 @@ def checked(part: Population, value: Any) -> Any:
 
 
 def convert(part: Population, value: Any, task: ScanTask) -> Train | torch.Tensor | None:
-    """Convert a checked input to a tensor of the pass; sparse spikes and None stay.
+    """Convert a checked input to a tensor of the pass; return sparse spikes and None unchanged.
 
     Raises:
         ModelError: the input holds NaN.
@@ -183,7 +183,7 @@ def to_dense(part: Population, value: Any, task: ScanTask) -> Tensor:
 
 
 def _check_finite(part: Population, tensor: Tensor) -> None:
-    # The sum is one pass without a copy. The sum of finite numbers may overflow, so each number is checked then.
+    # A sum needs one pass and no copy. Finite numbers can overflow it, so each number is checked if it is not finite.
     if tensor.sum().isfinite() or tensor.isfinite().all():
         return
     b, t, i = (~tensor.isfinite()).nonzero()[0].tolist()

@@ -1,8 +1,9 @@
 """Runtime of rewritten model functions (`neuro_torch.translate`), which run for all neurons at once.
 
 Every neuron is a lane. `live` marks the lanes that execute the current statement: None for all, else a tensor of
-booleans. A branch on a number that all lanes share is an ordinary branch. On a tensor both branches run, each with its
-lanes live; an assignment changes live lanes only. A loop runs while any lane is live in it.
+booleans. A branch on a number that all lanes share is an ordinary branch. If the condition is a tensor, both
+branches run, each with its own lanes live. An assignment changes live lanes only. A loop runs while any lane is live in
+it.
 
 Example: for V = [1, 3], `if V >= 2: V = 0` runs the assignment with `live` = [False, True] and leaves V = [1, 0].
 """
@@ -23,7 +24,7 @@ from torch import Tensor
 from neuro_torch.translate import Untranslatable, translated
 
 ALL = object()
-"""The index of all neurons: `lo` and `hi` of a call, and `i` in it."""
+"""Index of all neurons: the value of `lo` and `hi` in a call, and of `i` in the loop over neurons."""
 
 NUMBERS = (bool, int, float, np.generic)
 
@@ -69,7 +70,7 @@ class LaneRows:
 
     Args:
         rows: one tensor per row, or one number that all neurons share.
-        shape: shape to which stored values are expanded; None keeps theirs.
+        shape: shape to which stored values are expanded; None keeps the shape of the values.
     """
 
     __slots__ = ("rows", "shape")
@@ -96,7 +97,7 @@ def spread(value: Any, shape: tuple[int, ...], device: Any) -> Tensor:
 
 
 def merged(mask: Tensor, new: Any, old: Any) -> Any:
-    """Return the new value in the masked lanes, the old one elsewhere; a value that is not numeric is replaced."""
+    """Return `new` in the masked lanes and `old` in the others; if either is not numeric, return `new`."""
     if old is None or new is old:
         return new
     if isinstance(new, tuple) and isinstance(old, tuple) and len(new) == len(old):
@@ -148,7 +149,7 @@ class Lanes:
         return Frame(self.live)
 
     def returns(self, frame: Frame, value: Any) -> bool:
-        """Return a value in the live lanes; True if no lane is left in the call."""
+        """Run `return`: store the value for the live lanes; return True if no lane is left in the call."""
         if self.live is None:
             frame.value = value
             return True
@@ -163,7 +164,7 @@ class Lanes:
         return frame.value
 
     def call(self, function: Any, *arguments: Any) -> Any:
-        """Call a function from a rewritten function: rewritten too, on plain numbers, or by torch's version."""
+        """Call a function in a rewritten function: rewrite it, run it on plain numbers, or use its torch version."""
         if isinstance(function, FunctionType):
             return translated(function)(self, *arguments)
         if (plain := getattr(function, "py_func", None)) is not None:
@@ -181,7 +182,7 @@ class Lanes:
         raise Untranslatable(f"'{getattr(function, '__name__', function)}' of tensors")
 
     def tensor(self, value: Any) -> Tensor:
-        """Return a number as a tensor of doubles; a tensor stays."""
+        """Return a number as a tensor of doubles; return a tensor unchanged."""
         return value if isinstance(value, Tensor) else torch.tensor(value, dtype=torch.float64, device=self.device)
 
     # Assignments.
@@ -247,7 +248,7 @@ class Lanes:
         return Loop(frame, self.live, self.live)
 
     def goes_on(self, loop: Loop, test: Any) -> bool:
-        """Return whether any lane runs another iteration; lanes that waited for it are live again."""
+        """Return whether any lane runs another iteration; lanes that waited for the iteration are live again."""
         if isinstance(test, Tensor):
             loop.inside = test if loop.inside is None else loop.inside & test
         elif not test:
@@ -285,14 +286,14 @@ class Lanes:
             self.live = ~returned if loop.entered is None else loop.entered & ~returned
 
     def breaks(self, loop: Loop) -> bool:
-        """Break: the live lanes leave the loop; True if all lanes do."""
+        """Run `break`: the live lanes leave the loop; return True if all lanes leave."""
         if self.live is None:
             return True
         loop.inside = ~self.live if loop.inside is None else loop.inside & ~self.live
         return self.skips()
 
     def skips(self) -> bool:
-        """Continue: the live lanes wait for the next iteration; True if all lanes do."""
+        """Run `continue`: the live lanes wait for the next iteration; return True if all lanes wait."""
         if self.live is None:
             return True
         self.live = torch.zeros_like(self.live)
@@ -305,15 +306,15 @@ class Lanes:
         return self._with_margin(a >= b, a, b)
 
     def above(self, a: Any, b: Any) -> Any:
-        """Return a > b, with a margin as `at_least`."""
+        """Return a > b, with a margin as in `at_least`."""
         return self._with_margin(a > b, a, b)
 
     def at_most(self, a: Any, b: Any) -> Any:
-        """Return a <= b, with a margin as `at_least`."""
+        """Return a <= b, with a margin as in `at_least`."""
         return self._with_margin(a <= b, b, a)
 
     def below(self, a: Any, b: Any) -> Any:
-        """Return a < b, with a margin as `at_least`."""
+        """Return a < b, with a margin as in `at_least`."""
         return self._with_margin(a < b, b, a)
 
     def _with_margin(self, result: Any, a: Any, b: Any) -> Any:
@@ -378,9 +379,9 @@ class _Chosen(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *grads: Tensor) -> Any:
         (g,), (test, chosen, other, margin) = grads, ctx.saved_tensors
-        none = g.new_zeros(())
+        zero = g.new_zeros(())
         d_margin = g * (chosen - other) * ctx.gate(margin)
-        d_chosen, d_other = torch.where(test, g, none), torch.where(test, none, g)
+        d_chosen, d_other = torch.where(test, g, zero), torch.where(test, zero, g)
         return (None, d_chosen.sum_to_size(chosen.shape), d_other.sum_to_size(other.shape), d_margin, None)
 
 

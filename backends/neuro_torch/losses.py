@@ -6,15 +6,15 @@ most.
 | loss | is small where | source |
 | --- | --- | --- |
 | `count_cross_entropy` | the labelled neuron fires most often | Eshraghian et al., Proc. IEEE 111(9):1016, 2023 |
-| `potential_cross_entropy` | its potential is the highest | Cramer et al., IEEE TNNLS 33(7):2744, 2022 |
+| `potential_cross_entropy` | the labelled neuron's potential is highest | Cramer et al., IEEE TNNLS 33(7):2744, 2022 |
 | `first_spike` | the labelled neuron fires first | Mostafa, IEEE TNNLS 29(7):3227, 2018; the gradient is our own |
-| `potential_mse` | potentials follow target values | as of a leaky readout: Bellec et al., NeurIPS 2018 |
+| `potential_mse` | potentials follow target values | leaky readout: Bellec et al., NeurIPS 2018 |
 | `van_rossum` | spike trains are near the targets | van Rossum, Neural Comput. 13(4):751, 2001 |
 
 **The time of a first spike** is a polynomial of the spikes: the sum over steps t of the product of 1 - s(u) for all
 u <= t. The derivative is the exact effect of adding or removing one spike. A spike added at a step u before the first
-spike at t moves the time by u - t steps. If the first spike is removed, the second one counts. A neuron that never
-fired has the time of the end of the recording, and learns from all steps.
+spike at t moves the time by u - t steps. If the first spike is removed, the second one counts. The time of a
+neuron that never fired is the end of the recording, and all its steps contribute to the gradient.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def first_spike(spikes: Tensor, labels: Tensor, *, tau: float = 10.0, resolution
 def first_spike_steps(spikes: Tensor) -> Tensor:
     """Return the number of steps before the first spike of each neuron, (batch, neurons), differentiable.
 
-    A neuron without a spike has the number of all steps.
+    The value of a neuron without a spike is the number of steps of the recording.
 
     Args:
         spikes: (batch, steps, neurons); several spikes in one step count as one.
@@ -156,7 +156,7 @@ def _first(fired: Tensor) -> Tensor:
 
 
 def van_rossum(spikes: Tensor, wanted: Tensor, *, tau: float = 10.0, resolution: float = 1.0) -> Tensor:
-    """Return the squared van Rossum distance of spike trains, summed over neurons: one spike against none is 1/2.
+    """Return the squared van Rossum distance of spike trains, summed over neurons; one extra spike adds 1/2.
 
     Args:
         spikes: (batch, steps, neurons).
@@ -182,7 +182,7 @@ LOSSES: Mapping[str, Callable[..., Tensor]] = {
     "potential": potential_cross_entropy,
     "first_spike": first_spike,
 }
-"""Losses of labels, by their name in `neuro train`."""
+"""Losses that compare spikes or potentials with labels, by their name in `neuro train`."""
 
 
 def decisions(spikes: Tensor) -> Tensor:

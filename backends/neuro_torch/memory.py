@@ -1,9 +1,9 @@
 """Estimate of the peak memory of a batch, forward and backward, before it runs.
 
 For scans the saved tensors are known. For steps the saved tensors depend on the model and are counted in a few steps of
-one recording. The estimate sums everything that is in memory at the moment with the most. The memory of a process lies
-within a factor of 2.5 of the estimate, because spikes of neurons are not known before and left out, and because
-allocators do not return all freed memory.
+one recording. The estimate sums the tensors that exist when most memory is used. The memory of a process lies within a
+factor of 2.5 of the estimate: the spikes of neurons are unknown before the run and are not counted, and allocators do
+not return all freed memory.
 """
 
 from __future__ import annotations
@@ -201,10 +201,10 @@ def _delays(wires: Synapses) -> Any:
 
 
 def _need_of_steps(program: Program, inputs: Iterable[_Input], task: ScanTask, tape: float) -> Need:
-    """Return the memory of stepping: spikes of each step and of all, and their gradients; inputs are dense doubles.
+    """Return the memory of stepping: spikes by step and in total, their gradients; inputs are dense doubles.
 
-    The factor of 2: many small tensors that stay lie between many that are freed, so allocators hold about twice as
-    much.
+    The result is doubled: allocators hold about twice as much, because small tensors in use lie between freed
+    tensors.
     """
     neurons = sum(part.size for part in program.populations if part.kind == "neuron")
     size = task.dtype.itemsize

@@ -45,19 +45,19 @@ class Module(torch.nn.Module):
         surrogate: derivative of a spike: a name, a `neuro_torch.surrogates.Surrogate`, or a plain function of x and
             slope, see `neuro_torch.surrogates.Own`.
         slope: slope of a surrogate given by name or as a function.
-        duration: length of a recording in ms; by default that of each batch.
+        duration: length of a recording in ms; by default the length of each batch.
         outputs: populations whose spikes and potentials are returned for every step; by default those that are the
             source of no projection.
         seed: seed of all random draws.
-        dtype: dtype of all numbers, by default torch's default. With `torch.float64` spikes are those of `event`.
+        dtype: dtype of all numbers, by default torch's default. With `torch.float64` spikes equal those of `event`.
         damping: factor of gradients each time they pass a synapse of a recurrent part, 0 to 1.
         by: "kernels" (compiled, for CPUs), "torch" (torch's operations, for any device) or "steps"; by default the
             fastest on the parameters' device. A network that no scan supports is stepped in any case. Second-order
             gradients need "torch".
 
     Attributes:
-        weights: the weights that learn, by projection, in mV or pA as in the network: rows by source of an
-            `all_to_all`, kernels of a grid, else one weight per synapse.
+        weights: the weights that learn, by projection, in mV or pA as in the network: one row per source for
+            `all_to_all`, kernels for a grid, else one weight per synapse.
         delays: the delays that learn, by projection, in ms. In training mode a delay may lie between two steps, and a
             spike arrives in both in shares. After `module.eval()`, and in `module.network()`, delays are rounded to
             steps. A delay below one step counts as one step.
@@ -126,7 +126,7 @@ class Module(torch.nn.Module):
         """Run a batch from step 0.
 
         Args:
-            batch: `Events`, or by population of generators a tensor of spikes or of real-valued factors of the weights,
+            batch: `Events`, or a tensor for each population of generators: spikes or real factors of the weights,
                 (batch, steps, neurons) or (batch, steps, *shape of the population); it may have a gradient. A
                 spike_generator that is not named emits the spikes that the network lists.
 
@@ -245,7 +245,7 @@ class Module(torch.nn.Module):
         """Clip learnt values to their bounds; call this after each step of an optimiser.
 
         Delays become at least one step, parameters of neurons stay within the bounds of their model, and V_th stays
-        above V_reset. A bound that is excluded, such as 0 of tau_m, is kept at a distance of 0.001 units (ms, mV, pF).
+        above V_reset. Values stay 0.001 units (ms, mV, pF) away from an excluded bound, such as 0 of tau_m.
         Other values are not changed.
 
         Raises:
@@ -301,7 +301,7 @@ class Module(torch.nn.Module):
         return f"{self.program.name!r}, outputs={list(self.outputs)}, surrogate={self.surrogate}"
 
     def _refuse(self) -> None:
-        """Refuse a network that cannot run or be differentiated, with all reasons."""
+        """Raise an error with all reasons why the network cannot run or be differentiated, if there are any."""
         refusals = [*problems(self.program), *without_gradient(self.program)]
         if refusals:
             reasons = "".join(

@@ -58,7 +58,7 @@ class LazyMapping(Mapping[str, Any]):
     """Values by population that are computed on first access.
 
     Args:
-        kind: kind of the keys, for messages.
+        kind: noun for a key in messages, such as "population".
         makers: function by name that computes each value.
     """
 

@@ -14,7 +14,7 @@ from neuro_torch.translate import Untranslatable, translated
 ELSEWHERE = "backend 'event' runs it"
 LEARNT_THERE = f"backend 'event' runs it: {SAVE_FROZEN}"
 RESET = {"izhikevich": "c"}
-"""Reset potential by model: the parameter's name if it differs from V_reset."""
+"""Name of the parameter that holds the reset potential, by model; V_reset for models that are not listed."""
 
 
 def problems(program: Program) -> list[Problem]:
@@ -50,7 +50,7 @@ def _population_problems(part: Population) -> Iterator[Problem]:
 
 
 def without_gradient(program: Program) -> list[Problem]:
-    """Return the populations whose spikes pass on no gradient."""
+    """Return the populations through whose spikes no gradient flows."""
     refusals = []
     for part in program.populations:
         if isinstance(part.model, Neuron) and (reason := _no_gradient(part)):

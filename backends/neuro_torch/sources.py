@@ -65,7 +65,7 @@ class TensorSource:
         return self._poisson(step) if self.part.kind == "poisson" else self._by_model(step)
 
     def inject(self, steps: Ints, ids: Ints, now: int, payloads: Ints | None = None) -> None:
-        """Add listed spikes; those up to step `now` are dropped."""
+        """Add listed spikes; spikes up to step `now` are dropped."""
         is_later, numbers = self.steps > now, np.ones_like(ids) if payloads is None else payloads
         self.steps, self.ids, self.numbers = (
             np.concatenate((old[is_later], new))
@@ -98,7 +98,7 @@ class Flow:
     Attributes:
         weights: weight of every synapse.
         due: current that acts in later steps, (step modulo the longest delay + 2, neuron).
-        held: the last emitted currents, which stay until the next change.
+        held: the last emitted currents, which flow until the next change.
 
     Args:
         program: the network.
@@ -144,7 +144,7 @@ class Flow:
         return current
 
     def charge(self, cells: TensorCells, step: int) -> None:
-        """Add a current to a receptor to the state that holds the receptor's current."""
+        """Add a current onto a receptor to the neuron state that holds this receptor's current."""
         if self.part.receptor is not None:
             state, share = filtered_current(self._program, self.part, cells.parameters)
             cells.states[state] = cells.states[state] + torch.from_numpy(share * self.arrive(step)).to(cells.device)

@@ -33,7 +33,7 @@ _RELAY = "parrot_neuron"
 
 
 def check(program: Program, weights: Tensors, delays: Tensors, parameters: Mapping[str, Tensors]) -> None:
-    """Refuse tensors of unknown names or wrong shapes, and parameters out of their bounds.
+    """Refuse tensors with unknown names or wrong shapes, and parameters out of their bounds.
 
     Raises:
         ModelError: a name, a shape or a value is wrong. The message names the tensor.
@@ -323,7 +323,7 @@ class Stepper:
     def _add_arrivals(
         self, x: Tensor, receives: Tensor | None, wires: TorchProjection, versions: Versions, step: int
     ) -> Tensor:
-        """Return the input plus the arrivals along some wires, each spike with the weights of its emission."""
+        """Return the input plus the spikes that arrive along some wires, each with the weights at its emission."""
         emitted = dict(self.sent[wires.part.source])
         arriving = [(d, emitted[step - delay]) for d, delay in enumerate(wires.delays) if step - delay in emitted]
         arriving = [(d, emission) for d, emission in arriving if len(emission.neuron) or emission.spikes is not None]
@@ -371,7 +371,7 @@ class Learning(NamedTuple):
 def stepped(
     stepper: Stepper, task: ScanTask, learning: Learning, input_spikes: Named
 ) -> tuple[dict[int, Tensor], dict[int, Tensor]]:
-    """Return spikes of all populations that emit some, and potentials of the outputs, (batch, steps, neurons).
+    """Return spikes of all populations that emit spikes, and potentials of the outputs, (batch, steps, neurons).
 
     Args:
         stepper: stepper of the network.

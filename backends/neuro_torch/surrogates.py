@@ -1,8 +1,8 @@
 """Surrogate derivatives of a spike. The true derivative of a threshold is 0 almost everywhere and gives no gradient.
 
-All are functions of x = (V_m - V_th) / (V_th - V_reset), so a slope means the same for models of any scale. All are 1
-at the threshold; the slope sets how far from the threshold a neuron still learns. For graded neurons x = (change - vth)
-/ vth, where the change is what the model compares with the threshold of sending.
+All surrogates are functions of x = (V_m - V_th) / (V_th - V_reset), so a slope means the same for models of any scale.
+Each is 1 at the threshold; the slope sets how far from the threshold a neuron still learns. For graded neurons
+x = (change - vth) / vth, where the change is the quantity that the model compares with the threshold of sending.
 
 | name | derivative | source |
 | --- | --- | --- |
@@ -177,7 +177,7 @@ class Own(Surrogate):
         return torch.as_tensor(values, device=x.device).to(x.dtype).expand_as(x)
 
 
-SURROGATES: Mapping[str, type[Surrogate]] = {each.name: each for each in (FastSigmoid, ArcTan, Slayer, Triangle)}
+SURROGATES: Mapping[str, type[Surrogate]] = {kind.name: kind for kind in (FastSigmoid, ArcTan, Slayer, Triangle)}
 """Surrogates by name."""
 
 

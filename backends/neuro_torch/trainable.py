@@ -323,7 +323,7 @@ def _hold(values: Tensor, q: Quantity) -> None:
 def _comparable(
     values: Tensor, tensors: Tensors, part: Population, word: str, strictest: Callable[[Tensor], Tensor]
 ) -> Tensor:
-    """Return another parameter in a shape that compares with `values`: the strictest value, or one per neuron."""
+    """Return another parameter in a shape comparable with `values`: its strictest value, or one value per neuron."""
     bound = tensors[word] if word in tensors else torch.as_tensor(part.parameters[word]).to(values)
     return strictest(bound) if values.numel() == 1 else bound
 
@@ -333,7 +333,7 @@ def _put(values: Tensor, mask: Tensor, replacement: Tensor) -> None:
 
 
 class _AtLeast(torch.autograd.Function):
-    """A lower bound with the gradient of the identity, or 0 where descent would lead further below."""
+    """A lower bound with the gradient of the identity, or 0 where descent would move a value further below it."""
 
     @staticmethod
     def forward(ctx: Any, values: Tensor, least: float) -> Tensor:

@@ -2,7 +2,8 @@
 
 A model's `step` is a loop over neurons with branches. Here each neuron is a lane: `for i in range(lo, hi)` runs once
 for all lanes. Where lanes branch differently, both branches run, and each lane keeps the results of its own branch (see
-`neuro_torch.lanes`). So third-party models and models made of equations need only what the reference backend needs.
+`neuro_torch.lanes`). So third-party models and models made of equations need only the functions that the
+reference backend calls.
 
 Comprehensions, `try`, `with` and nested functions cannot be rewritten; the error names the line.
 """

@@ -1,7 +1,7 @@
 """Synapses of one projection, and delivery of their input in a step.
 
-Spikes select rows of synapses. Their amounts are added event by event, the oldest spikes first, then by source, in the
-order of the reference backend, so that sums are bit-identical, alone and in a batch.
+Spikes select rows of synapses. Amounts are added event by event: the oldest spikes first, then by source. The
+reference backend adds in the same order, so sums are bit-identical, for one recording and for a batch.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Emitted:
     """Spikes of a population in one step, as events.
 
     Attributes:
-        recording, neuron, multiplicity: data of each event, by recording, then neuron. Multiplicities are doubles.
+        recording, neuron, multiplicity: data of each event, sorted by recording and neuron. Multiplicities are doubles.
         spikes: the dense spikes, shape (batch, neurons), if they have a gradient, else None.
 
     Args:
@@ -39,7 +39,7 @@ class Emitted:
 
 
 Sent = Sequence[tuple[int, Emitted]]
-"""Pairs of an index into `TorchProjection.delays` and the spikes emitted that delay ago, the oldest first."""
+"""Pairs of an index of a delay in `TorchProjection.delays` and the spikes emitted this long ago, the oldest first."""
 
 
 class TorchProjection:
@@ -49,7 +49,7 @@ class TorchProjection:
         delays: the distinct delays in steps, descending.
         receptors: number of receptors of the target.
         target, slot: target neuron of every synapse, and the index of its weight.
-        first, count: index of the first synapse of each delay and source, and their number.
+        first, count: index of the first synapse and number of synapses of each delay and source.
 
     Args:
         program: the network.
@@ -87,7 +87,7 @@ class TorchProjection:
         return torch.from_numpy(np.ascontiguousarray(values, dtype=np.int64)).to(self.device)
 
     def amounts(self, weights: Tensor, synapses: Tensor | slice) -> Tensor:
-        """Return the amounts that some synapses deliver, from one weight for all or one each."""
+        """Return the amounts that some synapses deliver; `weights` has one entry for all or one per synapse."""
         slots = self.slot[synapses]
         return self.arriving(weights.expand(len(slots)) if weights.numel() == 1 else weights[slots])
 

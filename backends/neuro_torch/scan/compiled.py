@@ -97,7 +97,7 @@ def _push(part: Synapses, spikes: Packed, first: int, width: int, weight: Array,
 def _pull(
     part: Synapses, first: int, width: int, weight: Tensor, grad: Tensor, damping: float, to_spikes: Tensor
 ) -> None:
-    """Add to the gradient of the spikes of a stretch (see `stretches`) the share from the input that they deliver."""
+    """Add to the gradient of the spikes of a stretch (see `stretches`) the part that their delivered input gives."""
     longest = part.least if part.dense else int(part.delay.max(initial=0))
     begin, end = first + part.least, min(first + width + longest, grad.shape[1])
     if end <= begin:
@@ -140,7 +140,7 @@ def scan(
         part: the component.
         drives: input from outside the component, by population.
         weights: weights of the synapses inside, in their order.
-        task: sizes, dtype and surrogate of the pass. Potentials outside `potentials_of` may lack steps.
+        task: sizes, dtype and surrogate of the pass. Other populations than `potentials_of` may lack steps.
     """
     learns = torch.is_grad_enabled() and any(t.requires_grad for t in (*drives.values(), *weights))
     ins = [drives[k] for k in part.cells]

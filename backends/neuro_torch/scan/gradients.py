@@ -22,7 +22,7 @@ Backward = Callable[..., Any]
 def once(backward: Backward) -> Backward:
     """Decorate a `backward` so that its gradients are constants; a gradient of a gradient is an error.
 
-    torch's `once_differentiable` raises no error if the incoming gradient has none, as that of a sum.
+    torch's `once_differentiable` raises no error if the incoming gradient has no gradient, e.g. of a sum.
     """
 
     @wraps(backward)
@@ -39,7 +39,7 @@ def once(backward: Backward) -> Backward:
 
 
 class _Last(torch.autograd.Function):
-    """The identity; its gradient is an error."""
+    """The identity; computing its gradient raises an error."""
 
     @staticmethod
     def forward(ctx: Any, gradient: Tensor) -> Tensor:

@@ -36,8 +36,8 @@ def through_spikes(at):
         for b in range(grad.shape[0]):
             for t in range(first, last):
                 for i in range(grad.shape[2]):
-                    # In units of the distance from reset to threshold: one slope of a surrogate then fits neurons of
-                    # any scale.
+                    # x is in units of the distance from reset to threshold, so one slope of a surrogate fits neurons
+                    # of any scale.
                     width = c[V_TH, i] - c[V_RESET, i]
                     x = (potential[b, t, i] - c[V_TH, i]) / width
                     grad[b, t, i] = grad_spikes[b, t, i] * derivative(x, slope) / width
@@ -63,7 +63,7 @@ def delta(drive, push, first, last, c, v, refractory, keep, potential, spikes, f
                 fate[b, at, i] = HELD if remaining > 0 else (LOW if low else FREE)
                 spikes[b, t, i] = fires
                 v[b, i] = c[V_RESET, i] if fires else new
-                # V before the reset is what the adjoint and a probe of potentials need; V itself is kept after it.
+                # The adjoint and a probe of potentials need V before the reset; V itself is stored after it.
                 refractory[b, i] = c[REFRACTORY, i] if fires else remaining - (remaining > 0)
 
 
@@ -72,7 +72,7 @@ def delta_adjoint(first, last, c, spikes, fate, grad_potential, carry, grad):
     """Apply the adjoint of `delta`: from the gradient of V before the reset to the gradient of the input.
 
     On entry `grad` holds the gradient through the spikes, from `through_spikes`; `grad_potential` is added to it.
-    `carry` is the gradient of V after the last step of the stretch, and on return that of V before its first step.
+    `carry` is the gradient of V after the last step of the stretch, and on return the gradient before its first step.
     """
     # A literal 0.0 has 64 bits and would widen a pass in 32 bits.
     zero = c.dtype.type(0)
@@ -80,7 +80,7 @@ def delta_adjoint(first, last, c, spikes, fate, grad_potential, carry, grad):
         for t in range(last - 1, first - 1, -1):
             at = min(t, grad_potential.shape[1] - 1)
             for i in range(spikes.shape[2]):
-                # A spike resets V, so what follows does not depend on V before it.
+                # A spike resets V, so later steps do not depend on V before the spike.
                 upstream = carry[b, i] if spikes[b, t, i] == 0 else zero
                 upstream += grad_potential[b, at, i] + grad[b, t, i]
                 moved = upstream if fate[b, t, i] == FREE else zero
@@ -109,7 +109,7 @@ def exp(drive, push, first, last, c, v, current, refractory, keep, potential, sp
 
 @kernel
 def exp_adjoint(first, last, c, spikes, fate, grad_potential, carry, carry_current, grad):
-    """Apply the adjoint of `exp`; `carry_current` is the gradient of the current, as `carry` is that of V."""
+    """Apply the adjoint of `exp`; `carry_current` is the gradient of the current, as `carry` is the gradient of V."""
     zero = c.dtype.type(0)
     for b in range(spikes.shape[0]):
         for t in range(last - 1, first - 1, -1):
@@ -132,7 +132,7 @@ def pack(spikes, first, width, ends, ids, values):
     for b in range(spikes.shape[0]):
         for t in range(width):
             ends[b * width + t] = count
-            # By step, then neuron, as the reference adds: sums of doubles then agree to the last bit.
+            # The reference adds by step, then neuron. The same order makes sums of doubles bit-identical.
             for j in range(spikes.shape[2]):
                 if spikes[b, first + t, j] != 0:
                     ids[count] = j
@@ -209,7 +209,7 @@ def teach_listed(ends, ids, values, first, width, row_ends, target, slot, delay,
 
 @kernel
 def pull_listed(recordings, least, row_ends, target, slot, delay, weight, grad, grad_spikes):
-    """Apply the adjoint of `push_listed` for the spikes, also at steps without a spike, where it would change the loss.
+    """Apply the adjoint of `push_listed` for the spikes, also at steps without a spike: a new spike changes the loss.
 
     Arrays have a row per neuron, of steps x recordings, so a delay is a shift along the row and the loop vectorises.
     `grad` begins at the first step that a spike with the delay `least` reaches.

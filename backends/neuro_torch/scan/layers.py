@@ -84,7 +84,7 @@ class Component:
 
     Attributes:
         cells: neurons by index of the population.
-        outside: synapses from populations that are scanned before, in the order of the program.
+        outside: synapses from populations that are scanned earlier, in the order of the program.
         inside: synapses among the component's own populations.
         stretch: steps per pass, at most the smallest delay inside the component; 0 for all steps.
     """
@@ -163,8 +163,8 @@ def cells(program: Program, index: int) -> Cells:
     part = program.populations[index]
     model: Any = part.model
     if model.graded:  # graded neurons are stepped by their model and need no constants here
-        none = np.zeros(part.size)
-        return Cells(index, part.size, model.name, np.zeros((rows.CONSTANTS, part.size)), none, none, none, none)
+        zeros = np.zeros(part.size)
+        return Cells(index, part.size, model.name, np.zeros((rows.CONSTANTS, part.size)), zeros, zeros, zeros, zeros)
     parameters = [np.broadcast_to(values, part.size) for values in part.parameters.values()]
     c = np.zeros((part.size, model.width))
     is_uniform = all(values.size == 1 for values in part.parameters.values())
@@ -218,7 +218,7 @@ def synapses(program: Program, index: int, by_synapse: bool = False) -> Synapses
 
 
 def delayed(part: Synapses, delay: NDArray[np.int64]) -> Synapses:
-    """Return listed synapses with other delays in steps, one for all or one each."""
+    """Return listed synapses with other delays in steps, one for all synapses or one per synapse."""
     delays = np.broadcast_to(delay, len(part.targets)).astype(np.int64)
     return replace(part, delay=delays, least=int(delays.min(initial=NEVER)))
 
@@ -242,7 +242,7 @@ def paths(part: Synapses, weight: Tensor, steps: Tensor, exact: bool) -> list[Pa
     Args:
         part: the synapses, listed.
         weight: the weights in `Module.weights`.
-        steps: delays in steps from `neuro_torch.trainable.in_steps`, one for all or one each.
+        steps: delays in steps from `neuro_torch.trainable.in_steps`, one for all synapses or one per synapse.
         exact: whether a spike between two steps arrives in both, in shares by the distance to each, so that a gradient
             moves the delay; else it arrives in the nearest step. For example, 2.25 steps deliver 0.75 of the weight
             after 2 steps and 0.25 after 3 steps.
@@ -314,11 +314,11 @@ class Plan:
         lines = []
         for part in self.parts:
             populations = [self.program.populations[k] for k in part.cells]
-            names = ", ".join(f"'{each.name}'" for each in populations)
+            names = ", ".join(f"'{population.name}'" for population in populations)
             scan = (
                 f"a recurrent scan, {some(part.stretch, 'step')} at once" if part.inside else "one scan over all steps"
             )
-            is_graded = any(each.model.graded for each in populations)
+            is_graded = any(population.model.graded for population in populations)
             lines.append(f"{names}: {'graded neurons step by step, their input' if is_graded else scan} {means}")
         return "\n".join(lines)
 

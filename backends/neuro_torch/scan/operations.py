@@ -21,7 +21,7 @@ Fire = Callable[[Tensor, ScanTask], Tensor]
 
 
 class SpikeLists(NamedTuple):
-    """Spikes of a batch: recording, step and neuron of each."""
+    """Spikes of a batch: recording, step and neuron of each spike."""
 
     recording: Tensor
     step: Tensor
