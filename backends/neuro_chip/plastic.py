@@ -143,7 +143,7 @@ class Learner:
         raise NotImplementedError
 
     def modulate(self, step: int, values: Floats, scale: float) -> None:
-        """Set n of all targets after a step.
+        """Set the dopamine n of all targets after a step.
 
         Args:
             step: the last finished step (0 before the first).
@@ -294,21 +294,21 @@ class TwoFactors(Learner):
 
     def _raise_x1(self, pre: Ints, payloads: Ints, fired_before: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Raise x1 by payloads, or by earlier spikes of the epoch; return which pre events count as spikes."""
-        all_synapses = np.ones(pre.size, dtype=np.bool_)
+        all_events = np.ones(pre.size, dtype=np.bool_)
         if self.graded == "impulse":
             self._add(self.xs[:1], self._impulses[0][:1], pre[fired_before])
-            return all_synapses
+            return all_events
         halves = np.rint(payloads / 2).astype(np.int64) & 255
         if self.graded == "overwrite":
             self.xs[0, pre] = halves
-            return all_synapses
+            return all_events
         added = np.zeros_like(self.xs[0])
         added[pre] = halves
         sums = self.xs[0] + added & 255
         is_over = sums > TRACE_MAX
         if self.graded == "add_with_saturation":
             self.xs[0] = np.minimum(sums, TRACE_MAX)
-            return all_synapses
+            return all_events
         self.xs[0] = np.where(is_over, sums - TRACE_MAX, sums)
         wrapped: NDArray[np.bool_] = is_over[pre]
         return wrapped

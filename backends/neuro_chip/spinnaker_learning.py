@@ -164,7 +164,7 @@ def scaled(a, s):
 
 @inlined
 def decay(rule, k, ticks):
-    """Return the share that table k leaves after some ticks."""
+    """Return the factor, in s4.11, by which table k multiplies a value after some ticks."""
     indices = ticks >> rule.places[k, 2]
     return rule.table[rule.places[k, 0] + indices] if 0 <= indices < rule.places[k, 1] else i64(0)
 

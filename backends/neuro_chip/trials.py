@@ -117,15 +117,15 @@ class ChipTrials:
         if machine.spike_lists.reserve(self._section.input, trial.ids.size, self._began):
             machine.bind()
         first = machine.spike_lists.place(self._section.input)
-        view, state_names = machine.bound.view, machine.bound.words
-        begin_trial(view, state_names, output, trial.silenced, "V_m" in self._states)
+        view, words = machine.bound.view, machine.bound.words
+        begin_trial(view, words, output, trial.silenced, "V_m" in self._states)
         cells = machine.cells.fixed[output]
         for name in self._registers:
             machine.arrays[STATES[name]][self._output] = cells.initial.get(name, 0)
-        list_trial(view, state_names, self._section.input, first, trial.ticks, trial.ids, self._began)
+        list_trial(view, words, self._section.input, first, trial.ticks, trial.ids, self._began)
 
     def _inputs_of(self, projection: int, neuron: int) -> tuple[Ints, Ints]:
-        """Return the sources of a neuron's synapses, and the index of each synapse's weight."""
+        """Return the source of each synapse onto a neuron, and the index of the synapse's weight."""
         key = (projection, neuron)
         if key not in self._inputs:
             part = self._machine.program.projections[projection]
@@ -134,7 +134,7 @@ class ChipTrials:
                 slots = np.flatnonzero(post == neuron)
                 self._inputs[key] = pre[slots], slots
             else:
-                # Sources under the kernel of one neuron of a grid, and the weight that connects each.
+                # Find the sources under the kernel of one neuron of a grid, and the weight that connects each source.
                 g = part.grid
                 m, position = divmod(neuron, g.rows * g.columns)
                 r, c = divmod(position, g.columns)
@@ -159,22 +159,22 @@ class ChipTrials:
             delay = part.delay[:1] if part.grid is not None else np.broadcast_to(part.delay, part.size)[slots]
             delay = delay.astype(np.int64)
         lesson_step = tick + self._began + 1
-        begins = np.empty(len(sources))
-        ages(first, begin, sources, delay, lesson_step, machine.program.resolution, begins)
+        ages_ms = np.empty(len(sources))
+        ages(first, begin, sources, delay, lesson_step, machine.program.resolution, ages_ms)
         scale, rule, key, arithmetic = self._prepare_change(projection)
         weights.updates[projection] += len(slots)
         if projection in machine.delays:
             units, unit = machine.delays.units[projection], machine.program.resolution / FRACTIONS
             scale = Scale(unit, *machine.delays.bounds(projection), 1)
-            teacher(arithmetic.teach)(units, scale, slots, begins, lesson, rule, key, self.changes)
+            teacher(arithmetic.teach)(units, scale, slots, ages_ms, lesson, rule, key, self.changes)
             machine.delays.write(projection)
             return
         mantissas = weights.mantissas[projection]
-        teacher(arithmetic.teach)(mantissas, scale, slots, begins, lesson, rule, key, self.changes)
+        teacher(arithmetic.teach)(mantissas, scale, slots, ages_ms, lesson, rule, key, self.changes)
         if (settle := getattr(arithmetic, "settle", None)) is not None:
             total = float(mantissas[slots].sum() * scale.step)
             self.changes += 1
-            teacher(settle)(mantissas, scale, slots, begins, total, rule, key, self.changes)
+            teacher(settle)(mantissas, scale, slots, ages_ms, total, rule, key, self.changes)
         weights.write_some(projection, slots)
 
     def encourage(self, projection: int, maps: Ints) -> None:

@@ -244,7 +244,7 @@ class SharedLearning:
         self.synapses_onto = [row[np.argsort(order[synapses.slot[row]])] for row in self.synapses_onto]
         rows = [np.arange(synapses.row_ends[i], synapses.row_ends[i + 1]) for i in range(len(synapses.row_ends) - 1)]
         self.synapses_of = [row[np.argsort(place[synapses.target[row]])] for row in rows]
-        self.left_minus: Floats = np.broadcast_to(np.exp(-self.h / tau_minus), n_target)
+        self.decay_minus: Floats = np.broadcast_to(np.exp(-self.h / tau_minus), n_target)
         self.k_plus: Floats = np.zeros(sender.size)
         self.k_minus, self.heard, self.n = (np.zeros(n_target) for _ in range(3))
         self.eligibility: Floats = np.zeros(len(synapses.target))
@@ -259,7 +259,7 @@ class SharedLearning:
         """Compute the constants after a change of the rule."""
         self.c: Floats = self.part.synapse.constants_of(self.rule, self.h)
         numbers = dict(zip(self.part.synapse.numbers(), self.rule.tolist(), strict=True))
-        self.left_plus = math.exp(-self.h / numbers["tau_plus"])
+        self.decay_plus = math.exp(-self.h / numbers["tau_plus"])
 
     def arrive(self, ids: Ints, multiplicity: Ints, step: int) -> None:
         """Integrate dopamine over a step, then process the post spikes that arrive in it.
@@ -270,8 +270,8 @@ class SharedLearning:
             step: number of the step.
         """
         self.posts[(step + int(self.part.delay.max())) % len(self.posts), ids] = multiplicity
-        self.k_plus *= self.left_plus
-        self.k_minus = (self.k_minus + self.heard) * self.left_minus
+        self.k_plus *= self.decay_plus
+        self.k_minus = (self.k_minus + self.heard) * self.decay_minus
         self.heard[:] = 0.0
         if self.part.synapse.modulated:
             self._integrate()
