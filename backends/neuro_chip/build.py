@@ -220,7 +220,7 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
         if wires is None:
             continue
         part_words = wires.words if not part.synapse.learns else np.broadcast_to(wires.words, part.size)
-        layout, row_ends, ends = _layout(program, q, wires.lag.size > 1)
+        layout, row_ends, targets = _layout(program, q, wires.lag.size > 1)
         if (layout == t.CSR and part_words.size > 1) or part.synapse.learns:
             part_words = np.broadcast_to(part_words, part.size)
         table[q, t.LAYOUT] = layout
@@ -228,7 +228,7 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
         table[q, [t.LAG, t.LAG_STRIDE]] = at["lags"], wires.lag.size > 1
         table[q, [t.ROW, t.SYNAPSE]] = at["rows"], at["targets"]
         table[q, [t.POSITIVE, t.NEGATIVE]] = bool(np.any(part_words > 0)), bool(np.any(part_words < 0))
-        arrays: dict[str, NDArray[Any]] = {"words": part_words, "lags": wires.lag, "rows": row_ends, "targets": ends}
+        arrays: dict[str, NDArray[Any]] = {"words": part_words, "lags": wires.lag, "rows": row_ends, "targets": targets}
         for name, array in arrays.items():
             lists[name].append(array)
             at[name] += array.size
@@ -277,14 +277,14 @@ _NO_ROWS = np.zeros(0, dtype=np.int64)
 
 
 def _layout(program: Program, q: int, own_lags: bool) -> tuple[int, NDArray[np.int64], NDArray[np.int32]]:
-    """Return the layout of a projection for the kernels. Dense rows with a lag per synapse become CSR."""
+    """Return layout, row ends and targets of a projection; dense rows with a lag per synapse become CSR."""
     part = program.projections[q]
     if part.layout == "csr":
         return t.CSR, part.row_ends, part.targets
     if part.layout == "dense" and own_lags:
         n_source, n_target = program.populations[part.source].size, program.populations[part.target].size
-        ends = np.tile(np.arange(n_target, dtype=np.int32), n_source)
-        return t.CSR, np.arange(n_source + 1, dtype=np.int64) * n_target, ends
+        targets = np.tile(np.arange(n_target, dtype=np.int32), n_source)
+        return t.CSR, np.arange(n_source + 1, dtype=np.int64) * n_target, targets
     return LAYOUTS[part.layout], _NO_ROWS, _NO_IDS
 
 

@@ -86,7 +86,7 @@ class Deferred:
         return (-self.weights if self.rule.inhibits else self.weights).astype(np.int32)
 
     def words(self, synapses: Ints | slice = slice(None)) -> NDArray[np.int32]:
-        """Return the words that synapses add in the step of a spike; 0 if the packet is held back or never delivered."""
+        """Return the words that synapses add in the step of a spike; 0 if its packet is held back or not delivered."""
         sends = self.synapses.delivered[synapses] & (self.synapses.stages[synapses] == 0)
         words: NDArray[np.int32] = (self.weights[synapses] * sends).astype(np.int32)
         return -words if self.rule.inhibits else words
@@ -179,7 +179,7 @@ class Deferred:
         return self.tags.astype(np.float64)
 
     def _decay(self, table: int, ticks: Ints) -> Floats:
-        """Return the factor, 0 to 1, by which the decay of a table multiplies a value after some ticks."""
+        """Return the factor, 0 to 1, by which the decay of a table scales a value after some ticks."""
         first, length, shift = self.rule.places[table]
         indices = np.clip(ticks >> shift, 0, length - 1)
         return np.asarray(np.where(ticks >> shift < length, self.rule.table[first + indices] / ONE, 0.0))

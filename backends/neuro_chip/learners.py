@@ -190,12 +190,12 @@ class Learners:
     def start_anew(self, weights: bool) -> None:
         """Go back to step 0, and with `weights` to the initial weights."""
         for index, plastic in list(self._parts.items()):
-            new = _learner(self._program, index, self._wires(index))
+            initial = _learner(self._program, index, self._wires(index))
             if not weights:
-                new.weights[:] = plastic.weights
-            self._parts[index], self._arrivals[index], self._fresh[index] = new, [], True
-            if isinstance(new, Deferred):
-                self._weights.put(index, new.words())
+                initial.weights[:] = plastic.weights
+            self._parts[index], self._arrivals[index], self._fresh[index] = initial, [], True
+            if isinstance(initial, Deferred):
+                self._weights.put(index, initial.words())
 
     def _state(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that change in place."""

@@ -27,7 +27,7 @@ class ReferenceProjection:
         slot: index of each synapse's weight; the synapses of a grid share weights.
         weights: all weights.
         row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
-        due: input under way, (steps modulo the longest delay + 2, receptor, target).
+        due: input under way, (steps modulo (longest delay + 2), receptor, target).
         heard: whether a spike is under way to a target, (steps, target).
         emission, held: the emission of a projection that carries a current, and the current that it sent last.
 

@@ -98,7 +98,7 @@ class _Input:
 
     Attributes:
         spikes: mean number of spikes of a recording; for a dense input the number of the first recording.
-        numbers: size of a dense tensor of all steps and neurons.
+        numbers: number of elements of a dense tensor, steps x neurons.
         sparse: whether the spikes stay sparse.
         copied: whether the input is copied to a dense tensor.
         learns: whether the input has a gradient.
@@ -167,7 +167,7 @@ def _need_of_kernels(parts: tuple[Component, ...], inputs: Inputs, task: ScanTas
 
 
 def _need_of_torch(parts: tuple[Component, ...], inputs: Inputs, task: ScanTask, learns: bool) -> Need:
-    """Return the memory of scans by torch: besides that of compiled scans, saved products and rows of weights."""
+    """Return the memory of scans by torch: the memory of compiled scans, saved products and rows of weights."""
     size, neurons = task.dtype.itemsize, sum(map(_n_neurons, parts))
     driven = [wires for part in parts for wires in part.outside]
     products = sum(size * wires.sizes[0] * len(_delays(wires)) for wires in driven if not _is_sparse(wires, inputs))
@@ -186,7 +186,7 @@ def _delivered(part: Component, inputs: Inputs, task: ScanTask) -> float:
 
 
 def _tensors_at_once(wires: Synapses, inputs: Inputs, task: ScanTask) -> float:
-    """Return the number of tensors, each of one step of the targets, that delivering spikes needs at once."""
+    """Return the number of tensors that a delivery of spikes needs at once, each of one step of the targets."""
     if _is_sparse(wires, inputs):
         return 2 * task.steps + 2 * inputs[wires.source].spikes
     return 3 * task.steps
@@ -221,8 +221,8 @@ def saved_per_step(run: Callable[[int], object], steps: int) -> float:
         steps: largest number of steps to run.
     """
     probe_steps = min(6, steps)
-    less = probe_steps // 2
-    return (_saved_bytes(run, probe_steps) - (_saved_bytes(run, less) if less else 0)) / (probe_steps - less)
+    fewer = probe_steps // 2
+    return (_saved_bytes(run, probe_steps) - (_saved_bytes(run, fewer) if fewer else 0)) / (probe_steps - fewer)
 
 
 def _saved_bytes(run: Callable[[int], object], steps: int) -> int:

@@ -153,9 +153,11 @@ class Module(torch.nn.Module):
         parts = self.program.populations
 
         def run(steps: int) -> None:
-            few = replace(task, batch=1, steps=steps)
+            short_task = replace(task, batch=1, steps=steps)
             beginnings = {k: feeding.beginning(value, steps) for k, value in checked.items()}
-            self._run_steps({k: feeding.convert(parts[k], value, few) for k, value in beginnings.items()}, few)
+            self._run_steps(
+                {k: feeding.convert(parts[k], value, short_task) for k, value in beginnings.items()}, short_task
+            )
 
         def tape() -> float:
             if "tape" not in self._cache:
@@ -174,9 +176,9 @@ class Module(torch.nn.Module):
         potentials: dict[int, Tensor] = {}
         for part in self._plan.parts:
             drives: dict[int, Tensor] = {}
-            for value, weight in self._paths(part.outside, weights):
-                arrived = scans.drive(value, emitted[value.source], weight, task)
-                drives[value.target] = drives[value.target] + arrived if value.target in drives else arrived
+            for synapses, weight in self._paths(part.outside, weights):
+                arrived = scans.drive(synapses, emitted[synapses.source], weight, task)
+                drives[synapses.target] = drives[synapses.target] + arrived if synapses.target in drives else arrived
             for k in part.cells.keys() - drives.keys():
                 drives[k] = torch.zeros(
                     task.batch, task.steps, part.cells[k].size, dtype=task.dtype, device=task.device
@@ -201,9 +203,9 @@ class Module(torch.nn.Module):
             if name not in self.delays:
                 paths.append((part, weights[part.projection]))
                 continue
-            each_synapse, weight = self._synapse_list(part.projection), weights[part.projection]
+            synapse_list, weight = self._synapse_list(part.projection), weights[part.projection]
             steps = words.in_steps(self.delays[name], self.program.resolution, name)
-            paths += layers.paths(each_synapse, weight, steps, self.training)
+            paths += layers.paths(synapse_list, weight, steps, self.training)
         return paths
 
     def _synapse_list(self, projection: int) -> layers.Synapses:

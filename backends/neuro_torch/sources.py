@@ -66,10 +66,10 @@ class TensorSource:
 
     def inject(self, steps: Ints, ids: Ints, now: int, payloads: Ints | None = None) -> None:
         """Add listed spikes; spikes up to step `now` are dropped."""
-        is_later, numbers = self.steps > now, np.ones_like(ids) if payloads is None else payloads
+        is_later, new_numbers = self.steps > now, np.ones_like(ids) if payloads is None else payloads
         self.steps, self.ids, self.numbers = (
             np.concatenate((old[is_later], new))
-            for old, new in ((self.steps, steps), (self.ids, ids), (self.numbers, numbers))
+            for old, new in ((self.steps, steps), (self.ids, ids), (self.numbers, new_numbers))
         )
 
     def _poisson(self, step: int) -> Ints:
@@ -97,8 +97,8 @@ class Flow:
 
     Attributes:
         weights: weight of every synapse.
-        due: current that acts in later steps, (step modulo the longest delay + 2, neuron).
-        held: the last emitted currents, which flow until the next change.
+        due: current in pA that acts in later steps, (step modulo (longest delay + 2), neuron).
+        held: the last emitted currents in pA, which flow until the next change.
 
     Args:
         program: the network.

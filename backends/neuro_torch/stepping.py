@@ -185,14 +185,14 @@ class Stepper:
         self._between: dict[int, list[tuple[TorchProjection, Tensor]]] = {}
         for k, part in enumerate(program.projections):
             if k in self.wires:
-                own_bytes = (
+                initial_weight = (
                     new_weights[part.name]
                     if part.name in new_weights
                     else torch.tensor(part.weight, device=self.device)
                 )
-                self.versions[k] = [(0, own_bytes)]
+                self.versions[k] = [(0, initial_weight)]
                 if part.name in new_delays:
-                    self._between[k] = between_steps(program, k, self.device, new_delays[part.name], own_bytes)
+                    self._between[k] = between_steps(program, k, self.device, new_delays[part.name], initial_weight)
         all_wires = [wires for pair in self._between.values() for wires, _ in pair]
         self._longest = max([1, *(w.delays[0] for w in (*self.wires.values(), *all_wires) if w.delays)])
         self.start_anew()
