@@ -126,7 +126,7 @@ class Arithmetic(ABC):
             program: the whole network.
             chip: the chip for which the network is quantised.
             cells: the quantised populations.
-            wires: the quantised projections. Those that learn are replaced by copies with a rule.
+            wires: the quantised projections. Projections that learn are replaced by copies with a rule.
             options: options that users set.
         """
         for index in range(len(program.projections)):
@@ -211,7 +211,7 @@ class Arithmetic(ABC):
 
     @abstractmethod
     def bias(self, cells: FixedPopulation, current: Floats) -> NDArray[np.int32]:
-        """Return the bias of each step: the constant bias plus that of an extra current in pA.
+        """Return the bias of each step: the constant bias plus the bias of an extra current in pA.
 
         Raises:
             ModelError: the bias overflows its register.

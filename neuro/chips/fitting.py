@@ -31,7 +31,7 @@ class Cut:
 
     Attributes:
         order: "connected" or "declared", the choice of the user.
-        into: all synapses.
+        into: all synapses of the program.
         declared: cores filled in the order of declaration; None for large programs, which are split once only.
         connected: cores filled in an order that follows synapses; None for order "declared".
     """
@@ -93,7 +93,7 @@ def _tied(program: Program, into: Incoming, populations: list[int]) -> list[int]
 
 
 def chain(traffic: Floats, pull: Floats) -> Ints:
-    """Return an order of elements that puts those with many common spikes next to each other.
+    """Return an order of elements that puts elements with many common spikes next to each other.
 
     Args:
         traffic: spikes between each pair, symmetric, shape (n, n).
@@ -116,12 +116,12 @@ def chain(traffic: Floats, pull: Floats) -> Ints:
 def exceeded(program: Program, chip: Chip, into: Incoming, split: Split, chips: int) -> tuple[Problem, ...]:
     """Return all parts that exceed a limit.
 
-    Delays are checked only for a chip whose arithmetic is not emulated; quantising checks the others.
+    Delays are checked only for a chip whose arithmetic is not emulated; quantising checks the delays on other chips.
 
     Args:
         program: the whole network.
         chip: the chip with the limits; `chips` is the size of the largest machine.
-        into: all synapses.
+        into: all synapses of the program.
         split: the cores. A neuron too large for any core has a core of its own.
         chips: number of chips that the program needs.
     """

@@ -107,7 +107,7 @@ class FixedProjection:
         n_scale: dopamine in 1/ms per unit of the modulatory traces.
         native: whether the weights in YAML are mantissas, including the bits that the chip drops.
         shift: right shift of the sum of a step, in bits, before other projections are added.
-        wraps: whether that sum wraps as a two's complement of 24 bits.
+        wraps: whether the sum of a step wraps as a two's complement of 24 bits.
         receptor: 1 for the second (imaginary) input of neurons in registers, else 0.
         rounding: the rounding errors of the weights.
     """

@@ -21,9 +21,9 @@ class HostWork:
     Attributes:
         name: name of the part, e.g. "shares of cells".
         work: operations and bytes of one use, as `neuro.coding.Work` counts them; None without a count.
-        each: what one use is for, e.g. "control step".
+        each: occasion of one use, e.g. "control step".
         steps: network steps from one use to the next; 0 if `times` says the number of uses.
-        times: number of uses in the run if ``steps`` is 0.
+        times: number of uses in the run if `steps` is 0.
     """
 
     name: str

@@ -5,15 +5,15 @@ block of n synapses needs n (weight + delay + tag + index bits) + 10 bits, round
 The 10 bits are 4 for the format and 6 for the length. The bits of one synapse:
 
 - weight: 8, or `num_weight_bits` of a `loihi_static`;
-- delay: bits of the largest delay register of the projection, none if that is 0. Shared delays are stored in each
+- delay: bits of the largest delay register of the projection, none if it has no bits. Shared delays are stored in each
   synapse, too, because there is no other memory for them;
 - tag: 9 if the chip learns, none if the host applies the rule (`r_stdp`);
 - index: bits that number the compartments of the core, none for one compartment, otherwise at least 6.
 
 SpiNNaker stores, for each projection and core, one row per source neuron in SDRAM: 3 words of header and one word of 32
-bits per synapse. All rows are as long as the longest, so that the address of a row is a product (sPyNNaker's static
-rows). A plastic row also has the time of its last packet and its traces, and for each synapse a half word for the
-weight, one for the eligibility if dopamine modulates it, and one for its target (sPyNNaker 7.4.1).
+bits per synapse. All rows are as long as the longest row, so that the address of a row is a product (static
+rows of sPyNNaker). A plastic row also has the time of its last packet and its traces. Each of its synapses has a half
+word for the weight, one for the eligibility if dopamine modulates it, and one for its target (sPyNNaker 7.4.1).
 
 Both chips store each synapse of a kernel of a grid, because they share no weights between neurons. A chip without an
 emulated arithmetic is packed as Loihi 1.
@@ -155,7 +155,7 @@ def scatter(begin, end, targets, first, position, line):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IncomingRows:
-    """The synapses of a projection by source: source i has the targets[begin[i] : end[i]]."""
+    """The synapses of a projection by source: the targets of source i are targets[begin[i] : end[i]]."""
 
     begin: Ints
     end: Ints
@@ -308,7 +308,7 @@ def spiking(program: Program) -> list[int]:
 def dense_size(program: Program, index: int) -> int:
     """Return the multiply-accumulates of one step if every source sends.
 
-    The number is that of all pairs, n for one_to_one, or the operations of the convolution for a grid.
+    The result is the number of pairs, n for one_to_one, or the operations of the convolution for a grid.
     """
     part = program.projections[index]
     n_pre, n_post = program.populations[part.source].size, program.populations[part.target].size
@@ -323,7 +323,7 @@ def fan_out(program: Program, index: int, weight: Floats) -> Ints:
     Args:
         program: the whole network.
         index: index of the projection.
-        weight: weights of the projection, shape (1,) if shared, else one per synapse; for a grid those of its kernels.
+        weight: weights of the projection, shape (1,) if shared, else one per synapse, for a grid one per kernel weight.
     """
     part = program.projections[index]
     n_pre = program.populations[part.source].size

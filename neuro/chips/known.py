@@ -205,7 +205,7 @@ def chip(name: str | PathLike[str]) -> Chip:
     """Return the chip with a name, or of a table file. A file is read at each call.
 
     Raises:
-        ModelError: no chip has that name, or the file is not a valid table.
+        ModelError: no chip has this name, or the file is not a valid table.
     """
     text = str(name)
     if is_table(text):
@@ -268,5 +268,5 @@ def arithmetic_of(chip: Chip) -> Arithmetic:
 
 
 def placed_as(chip: Chip) -> Arithmetic:
-    """Return the arithmetic for placing; that of Loihi 1 if the chip's own is not emulated."""
+    """Return the arithmetic for placing: the chip's own if it is emulated, else the arithmetic of Loihi 1."""
     return ARITHMETICS.get(chip.arithmetic, LOIHI)

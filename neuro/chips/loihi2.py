@@ -104,7 +104,7 @@ _SIGMA = ("sigma", "act", "residue", "error", "payload")
 
 
 class Loihi2(Loihi):
-    """The integer arithmetic of Loihi 2: that of Loihi 1 except for payloads and the rounding of mantissas and sums."""
+    """The integer arithmetic of Loihi 2. Payloads and the rounding of mantissas and sums differ from Loihi 1."""
 
     name = "loihi2"
     title = "Loihi 2"

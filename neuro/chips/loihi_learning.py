@@ -163,7 +163,7 @@ class MappedRule:
         rule: the rule.
         approximations: differences from the float model, one sentence each.
         update: size of one weight change in mantissas: by one pair, or for `stdp_dopa` by one application after one
-            pair, at the largest n or at that of one dopamine spike. Below `COARSE_UPDATE` a problem is reported.
+            pair, at the largest n or the n of one dopamine spike. Below `COARSE_UPDATE` a problem is reported.
         n_scale: dopamine in 1/ms per unit of r1 and r2; 0 without dopamine.
     """
 
@@ -381,7 +381,7 @@ def _pair_terms(
 ) -> tuple[tuple[Term, ...], dict[str, Trace], tuple[str, ...]]:
     """Return products, traces and notes of potentiation, y0 x1, and of depression, x0 (y1 - y2).
 
-    y2 is the spike of the present step; it does not count for depression.
+    y2 is the spike of the present step, which does not count for depression.
 
     Args:
         plus: for potentiation, the change by one pair, further factors of the product, and the sign.

@@ -227,7 +227,7 @@ class Hops:
         cores: number of cores to which the spike is sent for this projection.
         local: number of these cores on the source's tile, including its own core.
         east_west, north_south: hops from tile to tile.
-        chip: hops from chip to chip, which the others include.
+        chip: hops from chip to chip, which `east_west` and `north_south` include.
     """
 
     cores: Ints

@@ -65,7 +65,7 @@ def neurobench(
         samples: number of samples in the run.
         steps: steps of one sample; default: all steps / samples. The harness passes a spike through all layers in one
             step. A sample of 20 steps needs 22 steps here if two layers have a delay of 1; pass 20 then.
-        weights: present weights of each projection; default: those of the program.
+        weights: present weights of each projection; default: the weights of the program.
         potentials: V_m of populations by name at the end of each step, shape (samples, steps, neurons). If any neuron
             lacks potentials, `membrane_updates` and `neuron_ops.effective` are None.
         stride_s: time between two executions of the model in s, as declared by the author of the model.

@@ -60,7 +60,7 @@ RULES_APPLIED = (
     "published figure is that of one pairwise update; 'rules applied' count the synapses that the chip's learning "
     "engine visits at the end of an epoch: all in epochs with a u_k product, otherwise each synapse with a spike once"
 )
-"""Note on the two counts of learning: the one that Loihi makes, and the one that the bill prices."""
+"""Note on the two counts of learning: the count that Loihi makes, and the count that the bill prices."""
 
 HOST = "cpu"
 """Name of the processor with the figures for the work of the host."""
@@ -113,7 +113,7 @@ def time_with_waiting(time: Duration | None, seconds: float) -> Duration:
     """Return the time that a chip is on in real time: the duration of the run, or more if the chip is late.
 
     Args:
-        time: time that the chip needs; None if unknown, which counts as in time.
+        time: time that the chip needs; None if unknown: the chip then counts as in time.
         seconds: duration of the run.
     """
     if time is None:

@@ -292,7 +292,7 @@ def names_of(part: Population) -> dict[str, tuple[str, ...]]:
 
 
 def shares(values: Floats, names: tuple[str, ...]) -> list[Floats]:
-    """Split a state into the states whose sum it is: for two, the part above 0 and the part below."""
+    """Split a state into the states whose sum equals it; two states get the parts above and below 0."""
     return [values] if len(names) == 1 else [np.maximum(values, 0.0), np.minimum(values, 0.0)]
 
 

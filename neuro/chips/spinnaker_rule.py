@@ -121,8 +121,8 @@ class SpinnakerRule:
         table: all tables concatenated, int64.
         places: begin of each table in `table`, its length and its index shift, shape (TABLES, 3).
         shift: shift of the slots of its receptor; a unit of a word is 2^(shift - 15).
-        slots: slots of a neuron for future ticks. A delay of that many ticks is stored as 0 and never delivered.
-        inhibits: whether its words, which are magnitudes, are subtracted.
+        slots: slots of a neuron for future ticks. A delay of `slots` ticks is stored as 0 and never delivered.
+        inhibits: whether the words of the rule, which are magnitudes, are subtracted.
         concentrations: dopamine per spike of each source in s4.11. There is one source, a dopamine population; or the
             sources carry a signal, with separate sources for reward, for punishment, and for each neuron.
         eligibility: eligibility in the unit of the language per unit of its word.
