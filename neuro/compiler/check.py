@@ -1,4 +1,4 @@
-"""Checks of a network as a whole. Each raises a `ModelError` with a hint on what to change."""
+"""Checks of a network as a whole. Each check raises a `ModelError` with a hint on what to change."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ FINER = "use a finer resolution or a lower rate"
 
 
 def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
-    """Check a network, except trials and the values of arrays. Those are checked when they are resolved.
+    """Check a network, except trials and the values of arrays. Trials and arrays are checked when they are resolved.
 
     Args:
         net: the network.

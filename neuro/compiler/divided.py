@@ -31,7 +31,7 @@ class Divided(Drawing):
     """Draws the synapses of a projection block by block."""
 
     def synapses(self, buffer: SynapseBuffers | None) -> Synapses:
-        """Return the synapses in order; `buffer` is memory that may be used for the targets of all."""
+        """Return the synapses in order; `buffer` is memory that may be used for the targets of all synapses."""
         return super().synapses(buffer) if self._is_uniform else self._join_blocks(buffer)
 
     def _join_blocks(self, buffer: SynapseBuffers | None) -> Synapses:

@@ -191,7 +191,7 @@ def connections_of_pairs(
     n_post: int,
     factors: Mapping[str, Floats],
 ) -> Connections:
-    """Return the synapses of listed pairs, sorted, with the factors of each."""
+    """Return the synapses of listed pairs, sorted, with the factors of each pair."""
     place = pre.astype(np.int64) * n_post + post
     order = None if np.all(place[1:] >= place[:-1]) else np.argsort(place, kind="stable")
     targets = (post if order is None else post[order]).astype(np.int32)

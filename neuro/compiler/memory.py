@@ -232,7 +232,7 @@ def packed(
     Args:
         projections: the projections.
         buffers: memory that may contain the arrays already. If it is None or has other sizes, all projections are
-            copied to new memory, one by one, because two copies of all would not fit.
+            copied to new memory, one by one, because two copies of all arrays would not fit.
         many: whether the network has many synapses. Static projections with individual delays are then compact, in
             separate arrays that a backend may free.
     """

@@ -1,8 +1,8 @@
 """Collect every error in a file: remove a part with an error and check the rest again, until no error is left.
 
 Each error then reads like the only error in the file. If other parts need the part, a stand-in replaces it. The
-search runs twice, with different stand-ins. Only errors with the same text in both searches are reported, since the
-others depend on a stand-in. Some removed parts also cause errors elsewhere; `may_follow` finds these errors.
+search runs twice, with different stand-ins. Only errors with the same text in both searches are reported, since
+other errors depend on a stand-in. Some removed parts also cause errors elsewhere; `may_follow` finds these errors.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ class _Search:
                         self.report(error)
                     return
                 other_errors = [(paths_by_place.of(other), other) for other in error.others[: MOST - len(self.changed)]]
-                # `others` has further errors of the same check. All are judged before a part is removed.
+                # `others` has further errors of the same check. All errors are judged before a part is removed.
                 for other_path, listed_error in [(path, error), *other_errors]:
                     if not self.may_follow(root, other_path, listed_error, compiled=net is not None):
                         self.report(listed_error)

@@ -112,7 +112,7 @@ def _integers_below(bound: int, first: int, last: int, key: int) -> Ints:
 def _distinct(count: int, bound: int, key: int) -> Ints:
     """Return the first `count` different numbers of the sequence of `_integers_below`.
 
-    For more than half of all numbers, return the numbers missing among the first `bound - count` different ones.
+    For more than half of all numbers, return the numbers missing among the first `bound - count` different numbers.
     """
     # For nearly all pairs, draw the few pairs to leave out: redrawing repeated pairs would take long.
     if 2 * count > bound:

@@ -33,7 +33,7 @@ _TAKES = {**{name: (count, count) for name, count in ARGUMENTS.items()}, **_OF_S
 
 
 def resolve_signals(net: Network, shapes: Mapping[str, Shape], clock: Clock, seed: int) -> tuple[resolved.Signal, ...]:
-    """Resolve the signals of a network. Some signals have values.
+    """Resolve the signals of a network, with or without described values.
 
     Raises:
         ModelError: a description is invalid; the path leads to the word.
@@ -61,7 +61,7 @@ class _Resolver:
         self.plans: dict[str, Schedule | Computed | None] = {}
 
     def of(self, part: Signal, followers: tuple[str, ...]) -> tuple[Schedule | Computed | None, Floats]:
-        """Return the source of a signal and its factor. `followers` are the signals with `like` on the way to it."""
+        """Return the source of a signal and its factor. `followers`: names of signals whose `like` leads to it."""
         source = part.values
         while isinstance(source, Source) and not isinstance(source, (schedule, computed, like)):
             with naming_the_part(part, "values", source.name):

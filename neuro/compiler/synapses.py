@@ -30,7 +30,7 @@ class Synapses:
     """Synapses of a projection, with values.
 
     Attributes:
-        connections: the connections. Only their attributes that a program has are valid.
+        connections: the connections. Only the attributes that a program also has are valid.
         delay: delays in steps, shape (1,) if shared.
         weight: weights, shape (1,) if shared.
         rule: the synapse model, with arrays for parameters that have a value per synapse.
@@ -118,7 +118,7 @@ class Drawing:
         return Synapses(selected, select(delay), select(weight), rule, by_delay, whole_layout)
 
     def _weight_buffer(self, synapses: int, buffer: SynapseBuffers | None) -> Buffer | None:
-        """Return memory for the weights, if some is available in the right type."""
+        """Return memory for the weights, if a buffer of the right type is available."""
         if buffer is None:
             return weight_buffer(self.part, synapses) if self.ordered else None
         return buffer.weight
@@ -170,7 +170,7 @@ class Piece:
     delay: Steps
 
     def select(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the values of the synapses of the share, from the values of all."""
+        """Return the values of the synapses of the share, from the values of all synapses."""
         return values if self.mask is None else values[self.mask]
 
     @property

@@ -1,4 +1,4 @@
-"""Synapses that the compiler does not draw: those listed in a file, or drawn by a backend with its own rules."""
+"""Synapses that the compiler does not draw: synapses listed in a file, or drawn by a backend with its own rules."""
 
 from __future__ import annotations
 
