@@ -183,7 +183,7 @@ def to_dense(part: Population, value: Any, task: ScanTask) -> Tensor:
 
 
 def _check_finite(part: Population, tensor: Tensor) -> None:
-    # A sum needs one pass and no copy. Finite numbers can overflow it, so each number is checked if it is not finite.
+    # A sum needs one pass and no copy. If the sum is not finite, each number is checked: finite numbers can overflow.
     if tensor.sum().isfinite() or tensor.isfinite().all():
         return
     b, t, i = (~tensor.isfinite()).nonzero()[0].tolist()

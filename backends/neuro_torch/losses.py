@@ -14,7 +14,7 @@ most.
 **The time of a first spike** is a polynomial of the spikes: the sum over steps t of the product of 1 - s(u) for all
 u <= t. The derivative is the exact effect of adding or removing one spike. A spike added at a step u before the first
 spike at t moves the time by u - t steps. If the first spike is removed, the second one counts. The time of a
-neuron that never fired is the end of the recording, and all its steps contribute to the gradient.
+neuron that never fired is the end of the recording, and all steps contribute to the gradient.
 """
 
 from __future__ import annotations
