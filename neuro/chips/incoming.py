@@ -12,7 +12,7 @@ The 10 bits are 4 for the format and 6 for the length. The bits of one synapse:
 
 SpiNNaker stores, for each projection and core, one row per source neuron in SDRAM: 3 words of header and one word of 32
 bits per synapse. All rows are as long as the longest row, so that the address of a row is a product (static
-rows of sPyNNaker). A plastic row also has the time of its last packet and its traces. Each of its synapses has a half
+rows of sPyNNaker). A plastic row also has the time of its last packet and its traces. Each plastic synapse has a half
 word for the weight, one for the eligibility if dopamine modulates it, and one for its target (sPyNNaker 7.4.1).
 
 Both chips store each synapse of a kernel of a grid, because they share no weights between neurons. A chip without an

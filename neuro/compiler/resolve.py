@@ -76,7 +76,7 @@ def compile_network(
     for registry in (MODELS, SYNAPSES, RULES, DISTRIBUTIONS, PROFILES, SOURCES, CODES, RATE_CODES):
         registry.close("a network was compiled")
     clock = Clock(net.resolution)
-    # Recordings come first: a camera's sensor determines the shape of its population, and grids follow from it.
+    # Recordings come first: the sensor of a camera determines a shape, and grids follow from the shape.
     camera_parts = [part for part in net.populations.values() if isinstance(part.model, event_camera)]
     cameras = cameras_of(net, camera_parts, clock) if camera_parts else {}
     shapes = resolve_shapes(net, {name: camera.shape for name, camera in cameras.items()})
