@@ -13,8 +13,8 @@ Some neurons of a population are named by an index, by ids or by columns:
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
-from functools import cache, partial
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -286,11 +286,10 @@ def build(sections: Mapping[str, Node], every_mistake: bool = False) -> Network:
     return _Builder(sections, every_mistake).network()
 
 
-@cache
-def _reading_order(cls: type[Part]) -> tuple[tuple[str, Quantity, str], ...]:
+def _reading_order(cls: type[Part]) -> list[tuple[str, Quantity, str]]:
     """Return each word of a part with its quantity and its argument in Python. Words that name neurons come last."""
     order = sorted(cls.words.items(), key=lambda item: item[1].kind == "neurons")
-    return tuple((word, q, cls.ends.get(word, (word,))[0]) for word, q in order)
+    return [(word, q, cls.ends.get(word, (word,))[0]) for word, q in order]
 
 
 class _Builder:
@@ -311,13 +310,13 @@ class _Builder:
                     settings = {"name": self.net.name, "resolution": self.net.resolution, word: plain(node)}
                     self.net = Network(settings["name"], resolution=settings["resolution"])
         self.add_parts("models", self.add_model)
-        self.add_parts("populations", partial(self.add_part, Population))
-        self.add_parts("projections", partial(self.add_part, Projection))
-        self.add_parts("signals", partial(self.add_part, Signal))
+        self.add_parts("populations", partial(self.add_part, Population, _reading_order(Population)))
+        self.add_parts("projections", partial(self.add_part, Projection, _reading_order(Projection)))
+        self.add_parts("signals", partial(self.add_part, Signal, _reading_order(Signal)))
         self.add_parts("groups", self.add_group)
         self.net.trials_section = self.section(Trials)
         self.net.trials_origin = self.sections["trials"].label if "trials" in self.sections else None
-        self.add_parts("probes", partial(self.add_part, Probe))
+        self.add_parts("probes", partial(self.add_part, Probe, _reading_order(Probe)))
         self.net.readout_section = self.section(Readout)
         self.net.world_section = self.section(World)
         self.net.world_origin = self.sections["world"].label if "world" in self.sections else None
@@ -352,13 +351,13 @@ class _Builder:
             table = self.models if issubclass(model, Model) else self.synapses
             table[name] = model
 
-    def add_part(self, cls: type[Part], name: str, node: Node) -> None:
+    def add_part(self, cls: type[Part], order: Sequence[tuple[str, Quantity, str]], name: str, node: Node) -> None:
         """Add a part to the network. Words that name neurons are read last, so that other errors are reported first."""
         has_table = isinstance(node.value, dict) and "neurons" in node.value
         required = [word for word in cls.needs if not (word == "shape" and has_table)]
         part_words = part(node, cls.words, f"a {cls.word}", required)
         values: dict[str, Any] = {"shape": AUTO} if has_table else {}
-        for word, q, argument in _reading_order(cls):
+        for word, q, argument in order:
             if word in part_words:
                 values[argument] = self.value(q, word, part_words[word], values)
         add = self.net.connect if cls is Projection else getattr(self.net, cls.word)
