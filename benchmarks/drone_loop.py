@@ -19,6 +19,9 @@ With --lesions what has been learnt is damaged: 20 % of the synapses onto the mo
 is mirrored, or all are turned by 45 degrees, as if the camera had turned. It flies so at once (repair of 0 steps), and
 again after each --curve steps of learning on, up to --repair. Babbling is as in the training, or what --set says.
 With --chips each row tells what a control step of learning and one of flight take there.
+
+A row of `loop.yaml` has two figures of the learnt weights onto the motors, pA, mean of both axes. Common is the mean of
+all. Difference is half of what the right motor has above the wrong one, mean of the fields beside the middle.
 """
 
 from __future__ import annotations
@@ -150,6 +153,22 @@ def damaged(lesion: str, control: str, weights: Weights, seed: int) -> tuple[Lef
     return left, weights | {name: weights[name][each.ravel()] for name, each in left.items()}
 
 
+def common_and_difference(weights: Weights, left: Left | None) -> tuple[float, float]:
+    """Return the mean of all weights of `loop.yaml` onto the motors, and half of right motor less wrong motor, pA."""
+    common, difference = [], []
+    for name in ("columns_motors_x", "rows_motors_y"):
+        fields, motors = ONTO_MOTORS[name]
+        if left is None:
+            onto = weights[name].reshape(fields, -1, motors).mean(1)
+        else:
+            onto = np.full((fields, motors), np.nan)
+            onto[left[name]] = weights[name]
+        half, middle = (onto[:, 0] - onto[:, 1]) / 2.0, fields // 2
+        common.append(np.nanmean(onto))
+        difference.append((np.nanmean(half[middle + 1 :]) - np.nanmean(half[:middle])) / 2.0)
+    return float(np.mean(common)), float(np.mean(difference))
+
+
 def main() -> None:
     """Train, fly and print a row for each control and seed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -175,6 +194,10 @@ def main() -> None:
         row = {"control": control, "seed": seed, "lesion": lesion, "steps": loop.steps}
         rows.append(row | {"px": test.error_px, "laps": test.laps})
         figures = f"{test.error_px:.2f} px, {test.laps} of {test.starts} laps"
+        if control != EXACT:
+            common, difference = common_and_difference(loop.pilot.weights, left)
+            rows[-1] |= {"common": common, "difference": difference}
+            figures += f", weights {common:.0f} common and {difference:.0f} difference"
         print(f"{control}, seed {seed}, lesion {lesion}, {loop.steps:,} steps: {figures}", flush=True)
         for bill in [*(f"learning, {joules(loop, chip)}" for chip in args.chips if loop.steps), *bills]:
             print(f"  {bill}", flush=True)

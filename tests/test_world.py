@@ -515,4 +515,4 @@ def test_the_loop_without_a_host_learns_by_its_own_dopamine():
     assert np.ptp(loop.sim.get("columns_critic_x", "weight")) > 1.0
     still = neuro.closed_loop(neuro.load(neuro_models.path("loop"), {"eta": 0.0, "eta_critic": 0.0}), seed=1)
     still.run(steps=120)
-    assert np.array_equal(np.unique(still.sim.get("columns_motors_x", "weight")), [1200.0])
+    assert np.array_equal(np.unique(still.sim.get("columns_motors_x", "weight")), [600.0])

@@ -71,7 +71,6 @@ SMALLER = {"microcircuit": {"scale": 0.02}}
 DESERVED = {
     ("pair", "neurons-alike"): "5 neurons hear the same 10 by equal weights, and learn alike",
     ("hfirst", "no-path"): "its templates are to be learnt: as it ships, every weight onto s2 inhibits",
-    ("loop", "zero-weights"): "its fixed weights onto the motors are for chips, by --set",
 }
 """Warnings about networks that ship, and why they are right."""
 
