@@ -225,6 +225,8 @@ def short_text(value: Any) -> str:
 KINDS = ("history", "front", "importance", "parallel")
 MOST_MARKS = 6
 """Largest number of labelled values on an axis of parallel coordinates."""
+LABEL_GAP = 0.05
+"""Smallest distance of two labels on an axis of parallel coordinates, as a share of its length."""
 ENOUGH = 8
 """Smallest number of trials for the importance of parameters."""
 
@@ -351,12 +353,15 @@ def _parallel(data: PlotData, title: str, wide: float) -> Figure:
         low, high = float(min(positions.values())), float(max(positions.values()))
         heights.append((y - low) / (high - low) if high > low else np.full_like(y, 0.5))
         axis.axvline(k, color="0.6", linewidth=0.8, zorder=0)
+        previous = -1.0
         for position, text in _marks(unique):
             height = (position - low) / (high - low) if high > low else 0.5
-            axis.text(k, height, f" {literal(text)}", fontsize=8, va="center")
+            if height - previous >= LABEL_GAP:
+                axis.text(k, height, f" {literal(text)}", fontsize=8, va="center")
+                previous = height
     order = np.argsort(metric)
     lines = np.stack([np.broadcast_to(np.arange(len(names)), (metric.size, len(names))), np.array(heights).T], axis=2)
-    colours = colormaps["cividis"](heights[-1][order])
+    colours = colormaps["cividis"](0.3 + 0.55 * heights[-1][order])  # visible on white and on black
     axis.add_collection(LineCollection(list(lines[order]), colors=colours, linewidths=1.0, gid="points"))
     figure.titles["points"] = [
         ", ".join(f"{name} = {short_text(column[n])}" for name, column in zip(names, columns, strict=True))

@@ -95,16 +95,15 @@ def _numbers(comparison: Comparison) -> Html:
     parts = [tag("h2", "In numbers"), tag("p", counts), table(cells.SUMMARY, cells.summary(comparison))]
     worlds = list(cells.worlds(comparison))
     parts += [table(cells.WORLD, worlds)] if worlds else []
-    return join([*parts, table(cells.NATIVE, natives) if natives else None])
+    return join([*parts, html.folded("Counts of one backend alone", table(cells.NATIVE, natives)) if natives else None])
 
 
 def _spikes(comparison: Comparison) -> Iterator[Html]:
     yield tag("h2", "Spikes")
     yield tag("p", f"A dashed line marks the first difference. {raster.HELP}")
     yield rasters(comparison)
-    yield tag("h3", "Populations")
-    yield tag("p", DISTANCE)
-    yield table(cells.POPULATIONS, cells.populations(comparison))
+    populations = table(cells.POPULATIONS, cells.populations(comparison))
+    yield html.folded("Rates, first differences and distances of each population", tag("p", DISTANCE), populations)
 
 
 def _weights(comparison: Comparison) -> Iterator[Html]:
@@ -137,11 +136,8 @@ def _rounding(comparison: Comparison) -> Iterator[Html]:
         yield tag("h2", "Rounding")
         yield tag("p", "Values represented by the registers of each chip, for the neuron with the largest difference.")
     for name, fixed in fixed_programs:
-        yield tag("h3", name)
-        yield table(ROUNDED, _rounded(fixed))
-        yield table(SCALED, _scaled(fixed))
-        if fixed.notes:
-            yield tag("ul", *(tag("li", note) for note in fixed.notes), class_="remarks")
+        notes = tag("ul", *(tag("li", note) for note in fixed.notes), class_="remarks") if fixed.notes else None
+        yield html.folded(name, table(ROUNDED, _rounded(fixed)), table(SCALED, _scaled(fixed)), notes)
 
 
 def _rounded(fixed: FixedProgram) -> Iterator[tuple[object, ...]]:
@@ -166,8 +162,12 @@ def _remarks(comparison: Comparison) -> Iterator[Html]:
     remarks += [f"no bill for {bill.target}: {bill.reason}" for bill in cells.unpriced(comparison)]
     remarks += comparison.notes
     yield tag("h2", "Warnings and notes")
-    yield tag("ul", *(tag("li", text) for text in remarks), class_="remarks") if remarks else tag("p", "None.")
+    notes = tag("ul", *(tag("li", text) for text in remarks), class_="remarks") if remarks else tag("p", "None.")
+    yield html.folded(f"{len(remarks)} warnings and notes", notes) if len(remarks) > MOST_REMARKS else notes
 
+
+MOST_REMARKS = 5
+"""Number of warnings and notes above which they are folded."""
 
 MOST_DOTS = 40_000
 MOST_DOTS_IN_ALL = 400_000
@@ -262,7 +262,7 @@ def _list(placement: Placement) -> Html:
     ]
     n_left_out = len(placement.cores) - len(rows)
     more = tag("p", f"and {n_left_out:,} more") if n_left_out else None
-    return tag("details", tag("summary", "Cores"), html.table(CORE_COLUMNS, rows), more)
+    return html.folded("Cores", html.table(CORE_COLUMNS, rows), more)
 
 
 def _place(core: Core) -> tuple[str, str, str]:

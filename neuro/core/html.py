@@ -129,6 +129,11 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str
     return tag("div", tag("table", title, tag("thead", tag("tr", *head)), tag("tbody", *body)), class_="scroll")
 
 
+def folded(summary: str, *parts: object) -> Html:
+    """Return a block of which only the summary is shown until a reader opens it."""
+    return tag("details", tag("summary", summary), *parts)
+
+
 def card(title: str, big: str, below: object) -> Html:
     """Return a card with a large figure and its meaning. Put cards into an element of class "cards"."""
     return tag("section", tag("h3", title), tag("p", big, class_="big"), tag("p", below), class_="card")

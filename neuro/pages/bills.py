@@ -110,7 +110,7 @@ def _figures(bills: Bills) -> Html:
         source = sourced(item.source, item.conditions)
         rows.append((target if target != previous else "", _meaning(what), _cost_of(item), source))
         previous = target
-    return html.table(FIGURE_COLUMNS, rows, "The figures and where they are published")
+    return html.folded("The figures and where they are published", html.table(FIGURE_COLUMNS, rows))
 
 
 def _cost_of(item: BillItem) -> str:
@@ -128,8 +128,8 @@ def _details(about: str, e: Energy) -> Html:
     foot = tag("ol", *(tag("li", source) for source in sources))
     remarks = e.remarks(sources=True)
     notes = tag("ul", *(tag("li", note) for note in remarks)) if remarks else None
-    head = tag("summary", f"{e.title}, {about}: {e.totals()}")
-    return tag("details", head, html.table(ITEM_COLUMNS, rows), sums_table, tag("h4", "Sources"), foot, notes)
+    summary = f"{e.title}, {about}: {e.totals()}"
+    return html.folded(summary, html.table(ITEM_COLUMNS, rows), sums_table, tag("h4", "Sources"), foot, notes)
 
 
 def _line(item: BillItem, sources: list[str]) -> tuple[object, ...]:
