@@ -5,6 +5,9 @@ An outline is a flat polygon in the world. It is clipped in front of the camera 
 the right of each edge grows from pixel to pixel; the running sum of this growth is the share of each pixel inside the
 outline. No pixel is sampled, so the shares are exact for polygons. The pattern of the ground is filtered instead: each
 pixel is the mean of the pattern over about the pixel's size on the ground.
+
+The base is a picture of sky and ground only. It is drawn again if the camera's pose changes it; line and ball are
+painted over a copy of it.
 """
 
 from math import ceil, floor, log2, pi, sin, sqrt
@@ -16,7 +19,8 @@ from neuro.apps import kernel, subkernel
 NEAR = 1e-3
 """Depth at which outlines are clipped in front of the camera, m."""
 FAR = 1e6
-"""Half a side of the square that approximates the infinite ground, camera heights; wrong by 1e-4 px at the horizon."""
+"""Half a side of the square that approximates the infinite ground, in camera heights. The error is 1e-4 px at the
+horizon."""
 SAGITTA = 0.002
 """Largest distance between an inscribed polygon and a ball's outline, px. The polygon is scaled to the outline's area,
 which halves the distance."""
@@ -25,14 +29,15 @@ FEWEST = 64
 RUN = 8
 """Neighbouring pixels of a row that share one level of the pattern."""
 HIGHEST = 64.0
-"""Level of pixels at or above the horizon."""
+"""Level of `sharpness` for pixels at or above the horizon; higher than any level of the pattern."""
 
 
 @subkernel
 def project(points, n, matrix, focal, middle, corners):
     """Clip and project an outline. Return the number of corners.
 
-    points: (n, 3), m. corners: filled with column and row; whole numbers are the upper left corners of pixels.
+    points: (n, 3), m. corners: output, one row (column, row) per corner, px. Whole numbers are the upper left corners
+    of pixels.
     """
     m = 0
     last = points[n - 1]
@@ -190,7 +195,7 @@ def plain_ground(matrix, focal, middle, shades, work, base):
 
 @subkernel
 def tilt_changed(matrix, base_pose):
-    """Return whether the horizon or the distance of the ground differs from the drawn base."""
+    """Return whether the horizon or the camera's height differs from that of the drawn base."""
     same = matrix[3, 2] == base_pose[3, 2]
     for k in range(3):
         same &= matrix[k, 2] == base_pose[k, 2]
@@ -217,7 +222,7 @@ def copy(source, target):
 
 @subkernel
 def ground(matrix, focal, middle, shades, pattern, work, base_pose, base):
-    """Draw ground and sky if they differ from those in the base. Return whether they differ."""
+    """Draw sky and ground of the base again if the pose changes them. Return True if they were drawn."""
     levels, size, wide, sharp, x, y = pattern
     fresh = base_pose[4, 0] != 0.0
     tilted = fresh or tilt_changed(matrix, base_pose)
@@ -322,10 +327,11 @@ def paint(matrix, focal, middle, shades, pattern, ball, strips, circle, work, pi
     """Draw the next picture over the previous one.
 
     shades: brightness of sky, ground, line and ball. pattern: levels, size, wide, sharp, x and y of `textured_ground`;
-    empty levels for plain ground. ball: x, y, z, radius, m; radius 0 for none. strips: (n, 4, 2), parts of the line on
-    the ground, m. work: buffers. picture: base_pose (the camera matrix of the base, and 1 in its last row to draw
-    everything), base, image, and box, filled with the columns and rows that may differ from the previous picture (first
-    column and row, last + 1).
+    empty levels for plain ground. ball: x, y, z, radius, m; radius 0 for no ball. strips: (n, 4, 2), parts of the line
+    on the ground, m. work: buffers. picture: base_pose, base, image and box.
+
+    base_pose: (5, 3), the camera matrix of the base; 1 in the first column of its last row draws everything again. box:
+    output, the part that may differ from the previous picture: first column and row, last column and row + 1.
     """
     points, corners, cover, spans, painted = work
     base_pose, base, image, box = picture

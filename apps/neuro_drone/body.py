@@ -74,8 +74,8 @@ class Kinematic:
     Wind accelerates the body by drag times the wind's speed. The velocity controller has no integral term, so the
     velocity approaches the command plus lag times drag times the wind; a_max limits the sum of both accelerations. The
     drag of the body's own flight is part of the lag. A load reduces the effect of the thrust: the lag grows and a_max
-    falls in proportion to the mass. A body that is commanded to climb sinks at the speed at which the controller's
-    thrust compensates the weight. A body that holds its height is not affected.
+    falls in proportion to the mass. Under a climb command, the load adds a sinking speed, at which the controller's
+    extra thrust carries the extra weight: lag times g times load / mass. A body that holds its height is not affected.
 
     Args:
         drone: height, lag, largest acceleration and drag.
@@ -167,31 +167,37 @@ def _approach(size: float, a_max: float, lag: float, seconds: float, decay: floa
     knee = a_max * lag
     if size <= knee:
         return size * decay, size * lag * (1.0 - decay)
-    limited = (size - knee) / a_max
-    if seconds <= limited:
+    linear_time = (size - knee) / a_max
+    if seconds <= linear_time:
         return size - a_max * seconds, (size - 0.5 * a_max * seconds) * seconds
-    decay = exp(-(seconds - limited) / lag)
-    return knee * decay, 0.5 * (size + knee) * limited + knee * lag * (1.0 - decay)
+    decay = exp(-(seconds - linear_time) / lag)
+    return knee * decay, 0.5 * (size + knee) * linear_time + knee * lag * (1.0 - decay)
 
 
 Vector = tuple[float, float, float]
 
 INERTIA = (0.007, 0.007, 0.012)
+"""Moments of inertia about front, left and up, kg m^2."""
 ARM = 0.17
+"""Distance of a rotor from the centre, m."""
 DRAG_TO_THRUST = 0.016
+"""Torque of a rotor per thrust, m."""
 MOST_THRUST = 8.54858e-06 * 838.0**2
-"""Moments of inertia, kg m^2; arm and ratio of torque to thrust of a rotor, m; largest thrust of a rotor, N.
+"""Largest thrust of a rotor, N.
 
-The values are those of an AscTec Hummingbird, as is `neuro_drone.parts.MASS`. Source: rotors_simulator,
+These four values are those of an AscTec Hummingbird, as is `neuro_drone.parts.MASS`. Source: rotors_simulator,
 rotors_description/urdf/hummingbird.xacro (a body with a rotor in front, left, behind and right of its centre; the front
 and the rear rotor turn clockwise).
 """
 
 SUBSTEP = 0.004
+"""Longest step of the physics engine, s."""
 ATTITUDE = (30.0, 30.0, 12.0)
+"""Natural frequencies of the attitude controller about front, left and up, rad/s."""
 SPEED_GAIN = 0.5
+"""Acceleration per speed error, 1/s."""
 HEIGHT_GAINS = (16.0, 8.0)
-"""Longest step, s; natural frequencies about front, left and up, rad/s; gains of speed, 1/s, and height, 1/s^2, 1/s.
+"""Acceleration per height error, 1/s^2, and per vertical speed error, 1/s.
 
 The gains are tuned so that the response to a step of speed matches that of `Kinematic`.
 """
@@ -204,9 +210,9 @@ class Bullet:
     the speed error, at most a_max. An attitude controller of second order with critical damping turns the thrust to
     this acceleration, and each rotor is limited to 0 to `MOST_THRUST`. The height follows the reference.
 
-    Wind is a force on the body, and a load is a mass at its centre; the controller compensates neither. `Kinematic`
-    drifts in the wind as a proportional velocity controller does, and the thrust here leaves this drift unchanged. The
-    height controller is proportional too, so the body sinks with a load until the thrust is sufficient.
+    Wind is a force on the body, and a load is a mass at its centre; the controller compensates neither. The reference
+    drifts in the wind like a body under a proportional velocity controller, and the thrust does not oppose this drift.
+    The height controller is proportional too, so the body sinks with a load until the thrust is sufficient.
 
     Args:
         drone: height, lag, largest acceleration and drag.
@@ -298,7 +304,7 @@ class Bullet:
             self._read()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for copies and other processes. A PyBullet world cannot be copied, so it is made again."""
+        """Return the state for copies and other processes. PyBullet cannot copy a world, so a copy makes its own."""
         state = (self._place, self._turned, (*self.velocity, self._climb), self._spin)
         names = ("a_max", "reference", "pose", "velocity", "_drag", "_force", "_load")
         attributes = {name: getattr(self, name) for name in names}
@@ -374,8 +380,8 @@ class Bullet:
 def _rotors(thrust: float, roll: float, pitch: float, yaw: float) -> tuple[float, Vector]:
     """Return the thrust, N, and torques, N m, of four limited rotors for a target thrust and target torques.
 
-    If a rotor reaches a limit, the torques are reduced, not the thrust. Yaw has at most two fifths of the margin
-    between the thrust and the nearest limit.
+    If a rotor reaches a limit, the torques are reduced, not the thrust. The yaw torque uses at most two fifths of the
+    margin between a rotor's mean thrust and its nearest limit.
     """
     share = max(0.0, min(MOST_THRUST, 0.25 * thrust))
     margin = min(share, MOST_THRUST - share)

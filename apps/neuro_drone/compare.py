@@ -32,7 +32,7 @@ class ComparisonRow:
     """One row of the table.
 
     Attributes:
-        text: the row as text: a controller, and changes "name=value" separated by spaces.
+        text: the row as text: the name of a controller, then changes "name=value", all separated by spaces.
         controller: name of the controller.
         scenario: scenario with the changes.
         settings: settings of the controller.
@@ -64,12 +64,12 @@ class ComparisonRow:
             ModelError: a name is unknown or a value is invalid.
         """
         name, *words = text.split() or [""]
-        changed = [word for word in words if not word.startswith("steps=")]
+        row_changes = [word for word in words if not word.startswith("steps=")]
         for count in (word.removeprefix("steps=") for word in words if word.startswith("steps=")):
             if not count.isdecimal() or int(count) < 1:
                 raise ModelError(f"row '{text}': steps = '{count}': expected a whole number >= 1")
             steps = int(count)
-        world, settings = apply_changes(scenario, name, [*changes, *changed])
+        world, settings = apply_changes(scenario, name, [*changes, *row_changes])
         learns = kind_of(name).learns
         return cls(
             " ".join([name, *words]),
@@ -83,7 +83,14 @@ class ComparisonRow:
 
 @dataclass(frozen=True, slots=True)
 class RowMessage:
-    """Progress of a job: its name, completed and total work, and the progress or the result as text."""
+    """Progress of a job.
+
+    Attributes:
+        what: name of the job.
+        done: completed work, in thousandths of the job.
+        total: all work, in the same unit.
+        text: the progress, or the result at the end.
+    """
 
     what: str
     done: int
@@ -137,7 +144,10 @@ class ComparisonJob:
         return figures
 
     def _test(self, model: Model, send: Callable[[float, str], None]) -> dict[str, Any]:
-        """Return the figures of the test. If the supervised error teaches the controller, add one with learning on."""
+        """Return the figures of the test.
+
+        A controller that the supervised error teaches is tested a second time, with learning on.
+        """
         starts, laps = grid(model.scenario, self.starts, course=self.course), [0]
         also_learning = kind_of(model.controller).taught == ERROR
 
@@ -184,7 +194,7 @@ class Summary:
 
     Attributes:
         row: row of the table.
-        each: figures of each seed.
+        each: figures of each seed, in the order of `row.seeds`.
     """
 
     row: ComparisonRow

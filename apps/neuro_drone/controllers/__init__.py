@@ -80,8 +80,7 @@ class Learner(Controller, Protocol):
 
 
 ERROR, REWARD, ORACLE, NOBODY = "the error", "the reward", "the oracle", "-"
-"""Teachers of controllers: the supervised error (which also steers while a controller learns), the reward, the oracle,
-none."""
+"""Teachers of controllers: the supervised error, the reward, the oracle, and no teacher."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +153,7 @@ LINE: dict[Any, dict[str, Any]] = {
     LMS: {"gain": (8.0, 4.0), "coding": "rows", "mu": 0.005},
     Imitation: {"gain": (8.0, 4.0), "coding": "rows"},
 }
-"""Defaults that differ for a line, see `spiking.LINE`."""
+"""Defaults that differ for a line, by class of the controller. `spiking.LINE` has those of the spiking network."""
 
 
 HEIGHT: dict[Any, dict[str, Any]] = {
@@ -162,8 +161,11 @@ HEIGHT: dict[Any, dict[str, Any]] = {
     Centroid: {"gain": (8.0, 2.0, 1.0)},
     Imitation: {"gain": 4.0},
 }
-"""Defaults that differ for a drone that also climbs. Climbing moves the ball's picture down, and flying forward makes
-the picture taller, so gains that suit a single axis make both oscillate."""
+"""Defaults that differ for a drone that also climbs, by class of the controller.
+
+Climbing moves the ball's picture down, and flying forward makes the picture taller, so gains that suit a single axis
+make both oscillate.
+"""
 
 
 def make(name: str, scenario: Scenario, seed: int = 0, settings: Mapping[str, Any] | None = None) -> Any:
@@ -173,7 +175,7 @@ def make(name: str, scenario: Scenario, seed: int = 0, settings: Mapping[str, An
         name: a name of `CONTROLLERS`.
         scenario: scenario of the flights.
         seed: seed of everything random in the controller.
-        settings: changed settings by name; for a spiking network also its parameters.
+        settings: changed settings by name. A spiking network also has the parameters of its file as settings.
 
     Raises:
         ModelError: there is no such controller or setting, or a value is out of its range.
@@ -192,7 +194,7 @@ def settings_of(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> d
     Args:
         name: a name of `CONTROLLERS`.
         scenario: scenario of the flights.
-        settings: changed settings, as for `make`. A network given as an object is left out.
+        settings: changed settings, as for `make`. The result does not contain a `Network` object.
 
     Raises:
         ModelError: see `make`.

@@ -104,7 +104,8 @@ class Flier(Fixed):
         return self._command(self.dense(observed(counts, self._kind)))
 
 
-_POLICY, _KEPT = "policy.", "kept."
+_POLICY, _BUFFER = "policy.", "kept."
+"""Prefixes of the array names of a checkpoint: the networks, and the replay or rollout buffer."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,7 @@ class Deep(Fixed, ABC):
 
     Attributes:
         name: name of the agent.
-        acts: names of the layers of the policy network.
+        acts: names of the layers of the network that chooses the actions.
         activation: activation of the hidden layers.
         buffer_arrays: names of the arrays of the package's buffer, for checkpoints.
     """
@@ -164,7 +165,12 @@ class Deep(Fixed, ABC):
 
     @abstractmethod
     def build(self, package: Any, common: dict[str, Any]) -> Any:
-        """Return the package's algorithm with the keyword arguments common to all agents and those of this agent."""
+        """Return the algorithm of stable-baselines3.
+
+        Args:
+            package: the module stable_baselines3.
+            common: keyword arguments that all agents have in common.
+        """
 
     @property
     @abstractmethod
@@ -191,11 +197,22 @@ class Deep(Fixed, ABC):
 
     @abstractmethod
     def keep(self, after: Singles, reward: float, lost: bool) -> None:
-        """Add the transition from the last observation to the one after the chosen action to the buffer."""
+        """Add the transition of the last action to the buffer.
+
+        Args:
+            after: (64,), the observation after the action.
+            reward: the reward of the action.
+            lost: True if the action lost the target.
+        """
 
     @abstractmethod
     def update(self, after: Singles, lost: bool) -> None:
-        """Update the networks if an update is due after `_steps` steps."""
+        """Update the networks if an update is due after `_steps` steps.
+
+        Args:
+            after: (64,), the observation after the last action.
+            lost: True if the last action lost the target.
+        """
 
     @cached_property
     def algorithm(self) -> Any:
@@ -256,7 +273,7 @@ class Deep(Fixed, ABC):
         return (
             {name: np.frombuffer(text, np.uint8) for name, text in texts.items()}
             | {_POLICY + name: array for name, array in self.learnt().items()}
-            | {_KEPT + name: getattr(buffer, name)[: buffer.size()].copy() for name in self.buffer_arrays}
+            | {_BUFFER + name: getattr(buffer, name)[: buffer.size()].copy() for name in self.buffer_arrays}
         )
 
     def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
@@ -273,7 +290,7 @@ class Deep(Fixed, ABC):
             optimizer.load_state_dict(optimizer_state)
         buffer, numbers = self.buffer, json.loads(state["words"].tobytes())
         for name in self.buffer_arrays:
-            array = state[_KEPT + name]
+            array = state[_BUFFER + name]
             getattr(buffer, name)[: len(array)] = array
         buffer.pos, buffer.full, self._steps = numbers["pos"], numbers["full"], numbers["steps"]
         self._rng.bit_generator.state = numbers["rng"]
@@ -287,7 +304,10 @@ class Deep(Fixed, ABC):
 
 @contextmanager
 def alone(seed: int) -> Iterator[None]:
-    """Run the package with seeded global random generators and one thread, and restore both afterwards.
+    """Run stable-baselines3 with seeded global random generators and one thread, and restore both afterwards.
+
+    Args:
+        seed: seed of the global random generators of NumPy and torch.
 
     The networks are so small that several threads would mostly wait for each other.
     """
@@ -365,7 +385,8 @@ class DQNSettings(ReplayingSettings):
     """Settings of DQN, beside those of `ReplayingSettings`.
 
     Attributes:
-        rate: learning rate. An action changes the value by less than 0.01, so the values of a larger rate stay noisy.
+        rate: learning rate. The choice of an action changes the return by less than 0.01; with a larger rate, the noise
+            of the estimated values hides this difference.
         every: steps between two updates.
         copy: steps between two copies of the network to its target network.
         explore: steps in which the share of random actions falls from 1 to `random`.
@@ -427,7 +448,7 @@ class DDPGSettings(ReplayingSettings):
     """Settings of DDPG, beside those of `ReplayingSettings`.
 
     Attributes:
-        noise: standard deviation of the noise on an action; the first `warm` actions are random.
+        noise: standard deviation of the noise on an action. The first `warm` actions are random instead.
         tau: share by which the target networks approach the networks in an update.
     """
 

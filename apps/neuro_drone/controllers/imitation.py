@@ -24,8 +24,8 @@ class ImitationSettings(Gain):
     """Settings of imitation; `gain` is the oracle's.
 
     Attributes:
-        expert: factor from round to round on the share of steps that the oracle flies; the oracle flies the whole first
-            round. 1 is behavioural cloning, less is DAgger.
+        expert: factor by which the share of steps that the oracle flies changes after each round. The oracle flies the
+            whole first round. 1 is behavioural cloning, a smaller factor is DAgger.
         round: steps between two fits.
         coding: shares, rows or peaks, see `simple.shares`.
         hidden: units of each of two hidden layers, which need torch; 0 is a linear readout by least squares.
@@ -44,9 +44,10 @@ class ImitationSettings(Gain):
 
 
 class Imitation:
-    """A controller that records inputs and the oracle's actions for them, and fits the actions by the inputs.
+    """A controller that records inputs with the oracle's actions, and fits a function from the inputs to the actions.
 
-    In each step of round i, the oracle flies with probability `expert`^(i - 1), else the fit of all previous rounds.
+    In each step of round i, the oracle flies with probability `expert`^(i - 1). In all other steps, the fit of all
+    previous rounds flies.
 
     Args:
         scenario: scenario of the flights; only its number of axes matters.
@@ -74,7 +75,7 @@ class Imitation:
             self._flier = self._make_flier(self._fit(len(self._inputs) - n_left))
 
     def _make_flier(self, arrays: Mapping[str, npt.NDArray[Any]]) -> Flier:
-        """Return the controller with these layers."""
+        """Return the controller without learning, with the layers of `_fit`."""
         dense = Dense(arrays, sorted({name.split(".")[0] for name in arrays}))
         return Flier(dense, lambda out: np.clip(out.astype(np.float64), -1.0, 1.0), self._settings.coding)
 
@@ -84,7 +85,7 @@ class Imitation:
             needed("torch", "torch", f"{self._settings.place()}: hidden = {self._settings.hidden} needs torch")
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
-        """Return the action of the oracle or, by chance, of the fit. The oracle's action is kept for the next fit."""
+        """Return the action of the oracle or, by chance, of the fit. The oracle's action is stored for the next fit."""
         self._last = observed(counts, self._settings.coding), self._oracle.act(counts, info)
         return self._last[1] if self._rng.random() < self._share else self._flier.act(counts, info)
 

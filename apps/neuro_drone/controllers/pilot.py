@@ -33,7 +33,7 @@ class ControllerPilot:
         self.controller: Any = controller
 
     def begin(self, copies: int, block: int) -> None:
-        """Begin an episode. An episode that the end of a block interrupted is not continued."""
+        """Begin an episode. An episode that the end of a block interrupts is not continued."""
         self.controller.begin()
 
     def act(self, observations: Floats, infos: Sequence[Mapping[str, Any]]) -> Floats:
@@ -43,7 +43,7 @@ class ControllerPilot:
         return action[None]
 
     def explored(self, observations: Floats, rewards: Sequence[float], returns: Sequence[float]) -> None:
-        """Learn nothing from random moves."""
+        """Ignore random actions; only `teach` learns."""
 
     def teach(self, moment: Moment) -> None:
         """Learn from a control step, or begin the next episode."""

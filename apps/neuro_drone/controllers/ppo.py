@@ -31,7 +31,7 @@ class PPOSettings(DeepSettings):
         epochs: passes over the transitions in an update.
         trace: lambda of generalised advantage estimation.
         clip: largest change of an action's probability in an update, as a share.
-        spread: initial standard deviation of the actions; the standard deviation is learnt, too.
+        spread: initial standard deviation of the actions, which is learnt, too.
     """
 
     rate: float = setting(3e-4, above=0)
@@ -46,6 +46,9 @@ class PPO(Deep):
     """Proximal policy optimization of a Gaussian policy, with a critic.
 
     If training truncates an episode, the critic's value of the last state is added to the last reward.
+
+    Attributes:
+        judges: names of the layers of the critic.
 
     Source: J. Schulman et al., "Proximal policy optimization algorithms", arXiv:1707.06347, 2017.
 
@@ -66,6 +69,7 @@ class PPO(Deep):
                 f"controller 'ppo': rollout = {settings.rollout} with batch = {settings.batch}: "
                 "expected a multiple of the batch, which is at least 2"
             )
+        # whether the next step is the episode's first; whether the episode still runs; the last observation
         self._first, self._cut, self._after = True, False, self._last_input
         self._log_prob = 0.0
 
@@ -98,7 +102,7 @@ class PPO(Deep):
         self._first, self._cut = True, False
 
     def explore(self, out: Singles, steps: int) -> Any:
-        """Draw an action around the actor's, and keep its log probability."""
+        """Draw an action around the actor's mean, and store its log probability."""
         noise = self._rng.standard_normal(2, np.float32)
         self._log_prob = float(np.sum(-0.5 * noise**2 - self.log_std - 0.5 * log(2.0 * pi)))
         return out + np.exp(self.log_std) * noise
