@@ -36,9 +36,9 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         scenario: a `Scenario`, its name, or a YAML file.
         observation: counts (events in 8 x 8 cells), binary (1 for a cell with events), frame (128 x 128 x 1, each
             pixel's last event: 255 brighter, 0 darker, 128 none), or normalised (64 floats from 0 to 1: the events of
-            each cell, row by row, as a share of the events of the cell with most).
-        actions: continuous (two numbers in [-1, 1], three if the drone climbs) or discrete (one of the nine of
-            `neuro_drone.env.ACTIONS`, or of the eleven of `SPACE` if the drone climbs).
+            each cell, row by row, divided by the largest number of events in a cell).
+        actions: continuous (two numbers in [-1, 1], three if the drone climbs) or discrete (a number from 0 to 8, an
+            index of `neuro_drone.env.ACTIONS`; from 0 to 10, an index of `SPACE`, if the drone climbs).
         render_mode: rgb_array or None.
         **changes: changes of the scenario, see `neuro_drone.scenario.load`.
 
@@ -50,11 +50,14 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     the direction of the line. Missing options are drawn. The option "path" is a `neuro_drone.paths.Variation` of the
     scenario's path.
 
-    ``info`` holds: events (`neuro.events.Events` of the step), counts ((8, 8) int64), target (column, row, px), error
-    (signed, one number per axis: ball px, px, and px of its height in the picture; line px and degrees), error_px
-    (distance over the first two axes, px), supervised_error ((axes,) float64, the error as a share of the largest: a
-    supervised signal, not the reward), reward and lost (as `step` returns them), progress (0 to 1), lap (True if a lap
-    that counts has ended).
+    ``info`` holds:
+
+    - events: `neuro.events.Events` of the step; counts: (8, 8) int64, the events in each cell.
+    - target: column and row of the target, px.
+    - error: signed, one number per axis. Ball: px, px, and px of its height in the picture. Line: px and degrees.
+    - error_px: distance over the first two axes, for a line over the first, px.
+    - supervised_error: (axes,) float64, the error as a share of the largest error: a supervised signal, not the reward.
+    - reward and lost, as `step` returns them; progress of the lap, 0 to 1; lap, True if a lap that counts has ended.
 
     If the camera shakes, the errors are those of a camera without shake.
 
@@ -122,8 +125,8 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         if seed is None and self._np_random is None:
             seed = self.scenario.seed
         super().reset(seed=seed)
-        start, direction, varied = _reset_options(options or {}, self.task, self.scenario.axes)
-        pose = self.task.reset(self.np_random, start or self.scenario.start, direction, varied)
+        start, direction, variation = _reset_options(options or {}, self.task, self.scenario.axes)
+        pose = self.task.reset(self.np_random, start or self.scenario.start, direction, variation)
         self.body.reset(pose.x, pose.y, pose.yaw, forward=self.task.forward, z=pose.z)
         noise = int(self.np_random.integers(2**31))
         self.eye.reset(noise)
@@ -149,34 +152,34 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             climb = up[0] * drone.climb_max if up else None
             self.body.step(a * drone.v_max, -b * drone.v_max, -drone.spin, self._seconds, climb)
         self._t_us += self._step_us
-        observation, info, judged = self._look(task.advance(self._seconds))
-        terminated, truncated = judged.lost, judged.done and not judged.lost
+        observation, info, state = self._look(task.advance(self._seconds))
+        terminated, truncated = state.lost, state.done and not state.lost
         self._running = not (terminated or truncated)
-        return observation, judged.reward, terminated, truncated, info
+        return observation, state.reward, terminated, truncated, info
 
     def _look(self, scene: WorldScene) -> tuple[npt.NDArray[Any], dict[str, Any], Judged]:
-        """Take a picture and judge the drone. Return the observation, info and the judgement."""
+        """Take a picture and judge the drone. Return the observation, info and the state of the task."""
         pose = self.body.pose
         self._events = events = self.eye.see(pose, scene, self._t_us)
         if self._shakes:
             self.view.look(pose)
-        judged = self.task.judge(self.view, pose)
+        state = self.task.judge(self.view, pose)
         counts = np.zeros((CELLS, CELLS), np.int64)
         if len(events.x):
             self._count(events.x, events.y, 4, counts)
         info = {
             "events": events,
             "counts": counts,
-            "target": judged.target,
-            "error": judged.error,
-            "error_px": judged.error_px,
-            "supervised_error": np.array(judged.scaled),
-            "reward": judged.reward,
-            "lost": judged.lost,
-            "progress": judged.progress,
-            "lap": judged.lap,
+            "target": state.target,
+            "error": state.error,
+            "error_px": state.error_px,
+            "supervised_error": np.array(state.scaled),
+            "reward": state.reward,
+            "lost": state.lost,
+            "progress": state.progress,
+            "lap": state.lap,
         }
-        return self._observation(counts, events), info, judged
+        return self._observation(counts, events), info, state
 
     def _observation(self, counts: npt.NDArray[np.int64], events: Events) -> npt.NDArray[Any]:
         if self.observation == "counts":
@@ -218,10 +221,10 @@ def _reset_options(
     direction = options.get("direction", 0)
     if direction not in (-1, 0, 1):
         raise ModelError(f"option direction = {direction!r}: expected 1, -1 or 0")
-    start, varied = options.get("start"), options.get("path", FIXED)
-    if not isinstance(varied, Variation):
-        raise ModelError(f"option path = {varied!r}: expected a neuro_drone.paths.Variation")
-    return None if start is None else errors("option start", start, axes), int(direction), varied
+    start, variation = options.get("start"), options.get("path", FIXED)
+    if not isinstance(variation, Variation):
+        raise ModelError(f"option path = {variation!r}: expected a neuro_drone.paths.Variation")
+    return None if start is None else errors("option start", start, axes), int(direction), variation
 
 
 def _one_of(name: str, value: object, choices: tuple[object, ...]) -> None:
@@ -285,7 +288,7 @@ def discrete(action: Any, axes: int = 2) -> Commands:
 
 
 def model(kind: str, axes: int = 2) -> tuple[gymnasium.Space[Any], Callable[[Any], Commands]]:
-    """Return the action space of a kind, and the function from an action to commands.
+    """Return the model of actions: the action space, and the function from an action to commands.
 
     Args:
         kind: continuous or discrete.
@@ -302,14 +305,14 @@ def _describe(action: Any) -> str:
 
 
 ROUNDING = 1e-6
-"""Tolerance of times, s, since a sum of steps may be slightly less than the exact time."""
+"""Tolerance of times, s. A sum of steps may be slightly less than the exact time."""
 
 
 class Weather:
-    """Wind with gusts, and a load that is picked up.
+    """Wind with gusts, and the load, which changes once in an episode.
 
-    Gusts on each axis are an Ornstein-Uhlenbeck process. The exact solution makes their deviation independent of the
-    step.
+    Gusts on each axis are an Ornstein-Uhlenbeck process. It is solved exactly, so the standard deviation of the gusts
+    does not depend on the step.
 
     Args:
         wind: the scenario's wind.

@@ -65,8 +65,8 @@ class CameraView:
         focal: focal length, px.
         middle: row and column where the optical axis meets the picture, px.
 
-    Source: thesis, figure 66 (128 x 128 pixels, 65 degrees) and section 7.3.2 (tilted by 30 degrees; the thesis does
-    not name the reference direction, here the tilt is below the horizontal).
+    Source: thesis, figure 66 (128 x 128 pixels, 65 degrees) and section 7.3.2 (tilted by 30 degrees). The thesis does
+    not name the reference direction of the tilt.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class CameraView:
     def tall(self, x: float, y: float, z: float, radius: float) -> float:
         """Return the height of a ball's picture, highest to lowest row, px.
 
-        Infinite if part of the ball is beside or behind the camera.
+        The height is infinite if part of the ball is beside or behind the camera.
         """
         _, down, forward, (px, py, pz) = self._rows
         x, y, z = x - px, y - py, z - pz
@@ -166,7 +166,7 @@ class CameraView:
         )
 
     def row(self, v: float) -> tuple[float, float, float]:
-        """Return the normal of the plane of all rays of a picture row, pointing upwards in the picture."""
+        """Return the normal of the plane that contains the rays of a picture row; it points upwards in the picture."""
         _, down, forward, _ = self._rows
         b = (v - self.middle) / self.focal
         return b * forward[0] - down[0], b * forward[1] - down[1], b * forward[2] - down[2]

@@ -83,32 +83,35 @@ def shares(counts: npt.NDArray[Any], coding: str) -> npt.NDArray[np.float64]:
 
     Args:
         counts: (8, 8) events in each field.
-        coding: "shares": shares of all events. "rows": shares of the events of the field's row, divided by 8; a line
-            crosses all rows, and its position and lean follow from its mean position in each row, whatever the row's
-            number of events. "peaks": shares of the events beyond twice the mean of all fields; textured ground makes
-            events in all fields, a target in few.
+        coding: the total that a field's events are divided by.
+
+            - "shares": all events.
+            - "rows": the events of the field's row, times 8. A line crosses all rows, and its position and lean follow
+              from its mean position in each row, whatever the row's number of events.
+            - "peaks": as shares, after twice the mean of all fields is subtracted from each field. Textured ground
+              makes events in all fields, a target makes them in few fields.
 
     Returns:
         (64,), with sum 1. Rows without events are 0. All fields are 0 if there are no events or no peaks.
     """
     if coding == "peaks":
         counts = np.maximum(counts - 2.0 * counts.mean(), 0.0)
-    spread: npt.NDArray[np.float64]
+    normalised: npt.NDArray[np.float64]
     if coding == "rows":
         n = counts.sum(axis=1, keepdims=True) * len(counts)
-        spread = counts / np.where(n > 0, n, 1)
+        normalised = counts / np.where(n > 0, n, 1)
     else:
-        spread = counts / (counts.sum() or 1)
-    return spread.ravel()
+        normalised = counts / (counts.sum() or 1)
+    return normalised.ravel()
 
 
 def pattern(scenario: Scenario, shape: str) -> npt.NDArray[np.float64]:
     """Return hand-set preferences of the fields for the positive direction of each axis.
 
     Args:
-        scenario: the scenario. The axes of a ball are right, down and, if the drone climbs, up: a field outside the
-            outline of a ball of target height is positive. The axes of a line are right and lean: a field right above
-            or left below the aim is positive.
+        scenario: the scenario. The axes of a ball are right, down and, if the drone climbs, up. On the axis up, a field
+            outside the outline of a ball of target height is positive. The axes of a line are right and lean. On the
+            axis lean, a field right above or left below the aim is positive.
         shape: "sign" (only the side of the field counts) or "linear" (proportional to the distance).
 
     Returns:
@@ -144,7 +147,7 @@ class Fixed:
 
 @dataclass(frozen=True)
 class NothingSettings(ControllerSettings):
-    """Settings of the controller that does nothing: none."""
+    """The controller that does nothing has no settings."""
 
 
 class Nothing(Fixed):
@@ -183,7 +186,9 @@ class Oracle(Fixed):
 
 
 class Centroid(Fixed):
-    """A proportional controller of the mean position of the events; for a line, of the straight line fitted to them.
+    """A proportional controller of the error that `centroid` estimates.
+
+    For a ball, the error is the mean position of the events. For a line, a straight line is fitted to the events.
 
     With three axes, the spread of the events around their mean estimates the size of the ball's outline.
     """
@@ -198,7 +203,7 @@ class Centroid(Fixed):
 
 
 def finder(scenario: Scenario) -> Find:
-    """Return the function from counts to the estimated error on each axis, which is `centroid` for this scenario."""
+    """Return `centroid` with the arguments for a scenario: a function from counts to the error on each axis."""
     task = scenario.task
     tall = task.tall / UNIT if isinstance(task, Ball) and task.axes == 3 else None
     return partial(centroid, line=isinstance(task, Line), tall=tall)
@@ -213,9 +218,10 @@ def centroid(counts: npt.NDArray[Any], line: bool = False, tall: float | None = 
         tall: target height of a ball's picture, in units of 64 px, if the drone climbs.
 
     Returns:
-        (2,), distance of the mean to the right of the aim and below it, in units of 64 px. For a line, the distance at
-        which the fitted line crosses the aim's row, and its lean to the right in units of 90 degrees. If the drone
-        climbs, (3,): the last is the excess height of the ball as a share, for events on its outline. 0 without events.
+        (2,) for a ball: distance of the mean to the right of the aim and below it, in units of 64 px. (2,) for a line:
+        distance to the right of the aim at which the fitted line crosses the aim's row, in units of 64 px, and its lean
+        to the right in units of 90 degrees. (3,) if the drone climbs: as for a ball, then the excess height of the
+        ball's picture as a share of the target height, for events on the ball's outline. All are 0 without events.
     """
     n = counts.ravel()
     total = n.sum()
@@ -223,12 +229,12 @@ def centroid(counts: npt.NDArray[Any], line: bool = False, tall: float | None = 
         return np.zeros(2 if tall is None else 3)
     x, y = n @ _X / total, n @ _Y / total
     if tall is not None:
-        around = float(n @ (_X**2 + _Y**2) / total) - x * x - y * y  # variance on both axes
-        return np.array((x, y, 2.0 * sqrt(max(0.0, around - 2.0 * FIELD**2 / 12.0)) / tall - 1.0))
+        variance = float(n @ (_X**2 + _Y**2) / total) - x * x - y * y  # sum over both axes
+        return np.array((x, y, 2.0 * sqrt(max(0.0, variance - 2.0 * FIELD**2 / 12.0)) / tall - 1.0))
     if not line:
         return np.array((x, y))
-    spread = n @ (_Y - y) ** 2
-    slope = n @ ((_X - x) * (_Y - y)) / spread if spread > 0.0 else 0.0
+    squares = n @ (_Y - y) ** 2
+    slope = n @ ((_X - x) * (_Y - y)) / squares if squares > 0.0 else 0.0
     return np.array((x - slope * y, -atan(slope) / (0.5 * pi)))
 
 
@@ -305,8 +311,8 @@ class RandomSearchSettings(ControllerSettings):
 
     Attributes:
         directions: random directions per update; each takes two episodes, one with each sign.
-        best: number of directions with the best episodes that an update follows.
-        noise: scale of a direction that is added to the weights.
+        best: number of directions that an update uses, those with the best episodes.
+        noise: factor on a direction before it is added to the weights.
         rate: step size of an update.
     """
 
@@ -328,7 +334,7 @@ class LinearPolicy(Fixed):
         self._weights, self._find = weights, find
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
-        """Return the action."""
+        """Return the action for the counts, (axes,), in [-1, 1]."""
         return linear(self._weights, counts, self._find)
 
 
@@ -336,8 +342,9 @@ class RandomSearch:
     """Augmented random search, version V1-t, of a linear policy.
 
     Two episodes test each random direction: one adds the direction to the weights, the next subtracts it. After all
-    directions, the weights move along the best ones. Each step is proportional to the difference between the returns of
-    both episodes, in units of the standard deviation of the best directions' returns.
+    directions, the weights move along the best directions. The movement along a direction is proportional to the
+    difference between the returns of its two episodes, in units of the standard deviation of the best directions'
+    returns.
 
     The inputs are those of the controller `centroid`. Learning uses `info["reward"]`, never the supervised error.
 
@@ -370,19 +377,19 @@ class RandomSearch:
         n = self._settings.directions
         self._directions = self._rng.standard_normal((n, *self._weights.shape))
         self._returns = np.zeros((n, 2))
-        self._episode, self._flown = -1, True
+        self._episode, self._has_steps = -1, True
 
     def begin(self) -> None:
         """Begin an episode with the weights of the next trial; update the weights after the last trial.
 
-        A previous episode without a step is repeated.
+        If the previous episode had no step, its trial is repeated.
         """
-        if self._flown:
-            self._episode, self._flown = self._episode + 1, False
+        if self._has_steps:
+            self._episode, self._has_steps = self._episode + 1, False
         if self._episode == self._returns.size:
             self._update()
             self._draw_directions()
-            self._episode, self._flown = 0, False
+            self._episode, self._has_steps = 0, False
         direction, is_second = divmod(self._episode, 2)
         self._returns[direction, is_second] = 0.0
         self._trial_weights = self._weights + (1 - 2 * is_second) * self._settings.noise * self._directions[direction]
@@ -394,7 +401,7 @@ class RandomSearch:
     def learn(self, info: Mapping[str, Any]) -> None:
         """Add the reward to the episode's return."""
         self._returns[divmod(self._episode, 2)] += info["reward"]
-        self._flown = True
+        self._has_steps = True
 
     def _update(self) -> None:
         """Move the weights along the best directions."""
@@ -410,8 +417,8 @@ class RandomSearch:
         return {"weights": self._weights.copy()}
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
-        """Return weights, directions, their returns, and the state of the random generator."""
-        counters = {"episode": self._episode, "flown": self._flown, "rng": self._rng.bit_generator.state}
+        """Return the weights, the directions with their returns, and the state of the random generator."""
+        counters = {"episode": self._episode, "flown": self._has_steps, "rng": self._rng.bit_generator.state}
         return self.learnt() | {
             "directions": self._directions,
             "returns": self._returns.copy(),
@@ -424,7 +431,7 @@ class RandomSearch:
         if "words" in state:
             counters = json.loads(state["words"].tobytes())
             self._directions, self._returns = np.array(state["directions"]), np.array(state["returns"])
-            self._episode, self._flown = counters["episode"], counters["flown"]
+            self._episode, self._has_steps = counters["episode"], counters["flown"]
             self._rng.bit_generator.state = counters["rng"]
 
     def frozen(self) -> LinearPolicy:

@@ -13,14 +13,14 @@ from neuro_drone.controllers.simple import ControllerSettings, pattern
 from neuro_drone.scenario import Scenario
 from neuro_models import names, path as network_path
 
-CELLS, MOTORS, USUAL = "cells", "motors", "drone"
+CELLS, MOTORS, DEFAULT_NETWORK = "cells", "motors", "drone"
 SIDES = (1.0, -1.0)  # signs of the two motors of an axis
 WORLD = ("eta", "settle", "gain", "coding", "total")
 """Parameters of the default world, which a network without a world gets."""
 
 EPISODES = {"ball": 100, "line": 1000}
-"""Longest training episode, steps. Around a ball, 20,000 steps begin at 200 positions, so all fields learn. Along a
-line, the first corner is 400 steps away."""
+"""Longest training episode, steps. For a ball, 20,000 steps have 200 episodes with different starts, so all fields
+learn. Along a line, the first corner is 400 steps away."""
 
 LINE = {"gain": [8.0, 4.0], "coding": "rows", "total": 800.0, "eta": 0.03}
 """Parameters that differ for a line. The gain of turning is smaller, since a fast turn swings the picture to the side.
@@ -34,14 +34,14 @@ class SpikingSettings(ControllerSettings):
     Attributes:
         network: a name of `neuro_models`, a YAML file, or the network. A network without a world gets the world of the
             network `drone`, whose parameters `WORLD` are then settings, too.
-        start: initial weights: equal (the network's own), sign or linear, see `simple.pattern`.
+        start: initial weights: equal (those of the network's file), sign or linear, see `simple.pattern`.
         strength: mean initial weight for sign and linear, pA; weights are between 0 and twice the mean.
         backend: backend of the network while it learns.
         options: options of the backend by name.
         parameters: parameters of the network by name.
     """
 
-    network: str | neuro.Network = USUAL
+    network: str | neuro.Network = DEFAULT_NETWORK
     start: str = setting("equal", words=("equal", "sign", "linear"))
     strength: float = setting(1500.0, "pA", above=0)
     backend: str = "event"
@@ -55,7 +55,7 @@ class SpikingSettings(ControllerSettings):
         return replace(super().changed(setting_values), parameters={**self.parameters, **parameters})
 
     def as_words(self) -> dict[str, Any]:
-        """Return all values and parameters as plain data; a network that is no name and no file is left out."""
+        """Return all values and parameters as plain data, without a `Network` object."""
         values = super().as_words() | dict(self.parameters)
         return {name: value for name, value in values.items() if not isinstance(value, neuro.Network)}
 
@@ -63,9 +63,10 @@ class SpikingSettings(ControllerSettings):
 class Spiking:
     """A network with 64 cells, whose rates follow the events in their fields, and two motors per axis.
 
-    An action is the difference of the spike counts of an axis' two motors over the largest possible count (eq. 129),
-    times a gain that the thesis does not have, clipped to [-1, 1]. After each step, the error of the axis is the
-    dopamine of the positive motor, and the negated error that of the negative motor. The network's world defines both.
+    An action is the difference between the spike counts of an axis' two motors, divided by the largest possible count
+    (eq. 129) and multiplied by a gain, then clipped to [-1, 1]. The thesis has no gain. After each step, the dopamine
+    of the positive motor is the error of the axis, and the dopamine of the negative motor is the negated error. The
+    network's world defines actions and dopamine.
 
     Args:
         scenario: scenario of the flights.
@@ -97,12 +98,12 @@ class Spiking:
 
 def _load_network(scenario: Scenario, settings: SpikingSettings) -> neuro.Network:
     """Load the network, and give it the default world if it has none."""
-    usual, parameters = network_path(USUAL), dict(settings.parameters)
+    default_file, parameters = network_path(DEFAULT_NETWORK), dict(settings.parameters)
     defaults = {"episode": EPISODES[scenario.kind], "scenario": scenario.name, "axes": scenario.axes}
     defaults |= LINE if scenario.kind == "line" else {}
     net = settings.network
-    if net == USUAL:
-        return neuro.load(usual, params=defaults | parameters)
+    if net == DEFAULT_NETWORK:
+        return neuro.load(default_file, params=defaults | parameters)
     if not isinstance(net, neuro.Network):
         file = network_path(net) if net in names() else Path(net)
         net = neuro.load(file, params={name: value for name, value in parameters.items() if name not in WORLD})
@@ -111,7 +112,7 @@ def _load_network(scenario: Scenario, settings: SpikingSettings) -> neuro.Networ
         net.world_origin = Where(str(file))
     if net.world_section is None:
         world_parameters = {name: parameters[name] for name in WORLD if name in parameters}
-        world = neuro.load(usual, params=defaults | world_parameters).world_section
+        world = neuro.load(default_file, params=defaults | world_parameters).world_section
         assert world is not None
         (teacher,) = world.reward.values()
         teachers = {signal.name: teacher for signal in net.signals.values() if signal.to == MOTORS}
