@@ -33,13 +33,13 @@ BATCH = "the dense network runs once per control step; the gpu's cost per mac ho
 
 @dataclass(frozen=True, slots=True)
 class Bills:
-    """Energy and time per control step, mean of a lap.
+    """Energy and time per control step, as means over a lap.
 
     Attributes:
         model: the model that flew the lap.
         steps: control steps of the lap.
         error_px: mean error of the lap, px.
-        counts: counts of the spiking network over the whole lap; None without one.
+        counts: counts of the spiking network over the whole lap; None without a spiking network.
         spiking: bills of the spiking network, one per target.
         dense: bills of a dense network.
     """
@@ -52,7 +52,7 @@ class Bills:
     dense: tuple[Energy, ...]
 
     def share(self, bill: Energy) -> float | None:
-        """Return the time on the chip as a share of the control step (in time if <= 1); None for an unknown time."""
+        """Return the time on the chip as a share of the control step, in time if <= 1; None if it is unknown."""
         if bill.chip_time_s is None:
             return None
         return bill.chip_time_s / (self.model.scenario.step / 1000.0)
@@ -66,7 +66,7 @@ def compute_bills(model: Model, targets: Iterable[str]) -> Bills:
         targets: chips, processors or table files, see `neuro.Simulation.energy`.
 
     Raises:
-        ModelError: the controller has no network; or a target does not exist, cannot hold the network, or has no costs.
+        ModelError: the controller has no network, or a target does not exist, cannot hold the network, or has no costs.
     """
     scenario = model.scenario
     start = Start((0.0, 0.0), 1 if scenario.kind == "line" else 0)
@@ -140,7 +140,7 @@ def _counts_per_step(bills: Bills) -> dict[str, float]:
 
 
 def notes(bills: Bills) -> list[str]:
-    """Return notes on what the bills leave out."""
+    """Return notes: parts that the bills do not contain, and the batch size of the dense network."""
     return [CAMERA, *([POISSON] if bills.spiking else []), BATCH]
 
 
@@ -149,7 +149,12 @@ def _in_time(share: float | None) -> bool | None:
 
 
 def show(bills: Bills, sources: bool = False) -> None:
-    """Print the counts, a row for each chip, and the assumptions; `sources` adds the sources of the costs."""
+    """Print the counts, a row for each chip, and the assumptions.
+
+    Args:
+        bills: the bills of a lap.
+        sources: True adds the sources of the costs.
+    """
     model, step = bills.model, bills.model.scenario.step
     rows: list[tuple[str, ...]] = []
     for bill in bills.spiking:

@@ -48,8 +48,8 @@ class Lap:
         start: the start.
         steps: control steps of the flight.
         error_px: mean distance of the ball from the aim (thesis, eq. 130), or of the line from the middle, px.
-        signed: mean error on each axis, as in the thesis; errors of opposite signs cancel.
-        absolute: mean absolute error on each axis.
+        signed: mean error on each axis, as in the thesis, in the units of `Start.error`. Opposite signs cancel.
+        absolute: mean absolute error on each axis, in the same units.
         lap: True if the drone completed a lap that counts.
         lost: True if the target was lost.
         track: (steps, axes), error after each step, in the units of `Start.error`.
@@ -73,7 +73,7 @@ class Lap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightTest:
-    """The results of all starts. Means are over starts.
+    """The results of all starts. All means are over the starts.
 
     Attributes:
         each: the result of each start.
@@ -123,12 +123,13 @@ def grid(
 ) -> tuple[Start, ...]:
     """Return starts on a grid around the aim. The direction alternates along a line.
 
-    If the drone climbs, the ball's picture is in turn 30 % too tall, 30 % too small and of the target height.
+    If the drone climbs, the initial height of the ball's picture is by turns 30 % too large, 30 % too small, and right.
 
     Args:
         scenario: the scenario.
         n: starts on a side of the grid.
-        spread: largest initial error, for both axes or for each; default 35 px, for a line 20 px and 10 degrees.
+        spread: largest initial error: one number for both axes, or one per axis. Default: 35 px on both axes; for a
+            line 20 px and 10 degrees.
         course: paths of the laps.
 
     Raises:
@@ -157,7 +158,7 @@ class Flights(DroneEnv):
         begins: seed and options of each `reset`, in order.
 
     Attributes:
-        errors: by episode and step, the error on each axis and `error_px`.
+        errors: per episode, a list with one pair per step: the error on each axis, and `error_px`.
         last: the last `info` of each episode.
     """
 
@@ -186,7 +187,12 @@ class Flights(DroneEnv):
 
 
 def reset_arguments(start: Start, index: int = 0) -> tuple[int, dict[str, Any]]:
-    """Return the seed and options of the reset for a lap of a test; `index` selects the noise."""
+    """Return seed and options of the `reset` that begins a lap of a test.
+
+    Args:
+        start: start of the lap.
+        index: number of the lap in the test, from which the seed of the noise follows.
+    """
     return int(np.random.default_rng((TESTS, index)).integers(2**31)), start.options()
 
 
@@ -206,8 +212,8 @@ def try_out(
         starts: starts of the laps; default the 5 x 5 grid with varied paths.
         scenario: scenario of the test; default the scenario of the training.
         backend: backend of the controller's network.
-        learning: True keeps learning from the supervised error. Dopamine then steers, so the error is not that of the
-            learnt weights.
+        learning: True keeps learning from the supervised error. The dopamine then also steers the drone, so the error
+            differs from the error of the learnt weights.
         report: called after each lap.
 
     Raises:

@@ -25,9 +25,9 @@ Box = tuple[int, int, int, int]
 class Eye:
     """The camera's picture and its events.
 
-    A pixel's brightness is the mean over its square: ball, line, ground and sky count by the share that they cover.
-    Each object has one brightness (no shading), times the scenario's light. A ball is in front of everything else and
-    hides ground, line and sky within a pixel in proportion to its share, so a pixel where the ball's outline crosses
+    A pixel's brightness is the mean over its square: ball, line, ground and sky are weighted by the share that they
+    cover. Each object has one brightness (no shading), times the scenario's light. A ball is in front of everything
+    else. Within a pixel, it hides ground, line and sky in equal proportion, so a pixel where the ball's outline crosses
     another edge is approximate. A pattern on the ground is filtered, not exact.
 
     Args:
@@ -58,8 +58,8 @@ class Eye:
         self._strips = np.zeros((0, 4, 2))
         self._dvs = self._new_dvs(seed)
         self._pattern: Pattern = pattern(scenario.ground, light, seed)
-        self._looked_up = np.zeros((size, -(-size // RUN))), np.zeros(size), np.zeros(size)
-        self._base, self._drawn = np.zeros((size, size), np.float32), np.zeros((5, 3))
+        self._ground_buffers = np.zeros((size, -(-size // RUN))), np.zeros(size), np.zeros(size)
+        self._base, self._base_pose = np.zeros((size, size), np.float32), np.zeros((5, 3))
         self.image: npt.NDArray[np.float32] = np.zeros((size, size), np.float32)
         self.reset(seed)
 
@@ -73,7 +73,7 @@ class Eye:
         if self._ground.redraw:
             self._pattern = pattern(self._ground, self._light, seed)
         self._rng = np.random.default_rng([seed, 2])
-        self._drawn[4, 0] = 1.0  # makes `paint` draw everything
+        self._base_pose[4, 0] = 1.0  # makes `paint` draw everything
         self._box_is_valid = False
 
     def _new_dvs(self, seed: int) -> DVS:
@@ -117,8 +117,8 @@ class Eye:
             self._strips = np.zeros((0, 4, 2)) if scene.line is None else strips(scene.line, self._width)
         self._ball[:] = scene.ball or (0.0, 0.0, 0.0, 0.0)
         self._paint(
-            view.matrix, view.focal, view.middle, self._shades, self._pattern + self._looked_up, self._ball,
-            self._strips, self._circle, self._work, (self._drawn, self._base, self.image, self._box),
+            view.matrix, view.focal, view.middle, self._shades, self._pattern + self._ground_buffers, self._ball,
+            self._strips, self._circle, self._work, (self._base_pose, self._base, self.image, self._box),
         )  # fmt: skip
         return self.image
 
@@ -139,16 +139,21 @@ def pixels(camera: Camera) -> DVSParameters:
 
 
 def buffers(size: int, corners: int) -> tuple[npt.NDArray[Any], ...]:
-    """Allocate the work arrays of `paint`: points, their projections, pixel shares, columns touched now and before."""
+    """Allocate the work arrays of `paint`: points, corners, cover, and the spans of this and the previous picture.
+
+    Args:
+        size: width and height of the picture, px.
+        corners: largest number of corners of an outline.
+    """
     spans = np.zeros((2, size, 2), np.int64)
     spans[:, :, 0] = size
     return np.zeros((corners, 3)), np.zeros((corners + 4, 2)), np.zeros((size, size)), spans[0], spans[1]
 
 
 APART = 1e-6
-"""Largest distance between two ends that count as one corner, m."""
+"""Largest distance between the ends of two segments that share a corner, m."""
 SHARPEST = 0.25
-"""Least 1 + cos(turn) of a mitred corner (a turn of 138 degrees); strips of sharper corners have square ends."""
+"""Least 1 + cos(turn) of a mitred corner, i.e. a turn of up to 138 degrees. At sharper corners, strips end square."""
 
 
 def strips(line: npt.NDArray[np.float64], width: float) -> npt.NDArray[np.float64]:
@@ -179,7 +184,7 @@ def strips(line: npt.NDArray[np.float64], width: float) -> npt.NDArray[np.float6
 SIZE = 512
 """Width and height of the repeated tile, texels; a power of 2."""
 OCTAVES = (32, 64, 128, 256)
-"""Random values along a side of the tile, for each octave. An octave has half the weight of the one before."""
+"""Random values along a side of the tile, for each octave. Each octave has half the weight of the previous octave."""
 
 
 Pattern = tuple[npt.NDArray[np.float32], int, float]
@@ -189,8 +194,8 @@ def pattern(ground: Ground, light: float, seed: int) -> Pattern:
     """Return the brightness pattern of a ground.
 
     Args:
-        ground: the ground. Its texture is the largest deviation of the brightness, its grain the distance between the
-            random values of the coarsest lattice.
+        ground: the ground. Its texture is the largest deviation of the brightness. Its grain is the distance between
+            the random values of the coarsest lattice.
         light: factor on all brightness.
         seed: seed of the pattern, >= 0.
 
@@ -205,7 +210,7 @@ def pattern(ground: Ground, light: float, seed: int) -> Pattern:
 
 
 def tile(rng: np.random.Generator) -> npt.NDArray[np.float64]:
-    """Return a tile of value noise: random values on finer and finer lattices, with smooth interpolation.
+    """Return a tile of value noise: the sum of random values on finer and finer lattices, smoothly interpolated.
 
     Args:
         rng: random generator of the values.
@@ -230,7 +235,7 @@ def tile(rng: np.random.Generator) -> npt.NDArray[np.float64]:
 
 
 def pyramid(level: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-    """Return the mipmap of a tile: the tile and its means over larger and larger squares.
+    """Return the mipmap of a tile: the tile, then its means over larger and larger squares.
 
     Args:
         level: (n, n), the tile; n a power of 2.

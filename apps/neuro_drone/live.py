@@ -34,10 +34,11 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 FORMAT = "faery13"
-_LOOK = struct.Struct("<?qq")  # message at the end of a step: whether an episode begins, step, number of sent events
+# A "look" is the world's message at the end of a step: whether an episode begins, step, number of events sent so far.
+_LOOK = struct.Struct("<?qq")
 _ANSWER = struct.Struct("<q3d")  # message of the controller: step, action
 _HOST = "127.0.0.1"
-_LOST = 0.25
+_MAX_WAIT = 0.25
 """Longest wait for the events of a step, as a share of the step. Events that arrive later are lost."""
 
 
@@ -64,12 +65,12 @@ class LiveTest:
 class _Radio:
     """The world's end of the link: sends events, and at the end of a step uses the last action that has arrived.
 
-    As in a test, an action holds for the whole step after its events. The action is read at the end of that step, so
-    the world never waits for it.
+    As in a test, an action holds for the whole step after its events. The world reads the action at the end of that
+    step in real time, so it never waits for an action.
 
     Attributes:
         url: address for the events.
-        socket: socket for the messages at the end of a step ("looks") and for actions.
+        socket: socket for looks and for actions.
         step_s: duration of a step, s.
         missed: steps without an action in time.
         steps: steps so far.
@@ -82,9 +83,9 @@ class _Radio:
     steps: int = 0
     _n_events: int = 0
     _begins: bool = True
-    _step_end: float = 0.0
-    _t_us: int = 0
-    _last_us: int = 0
+    _step_end: float = 0.0  # on the monotonic clock, s
+    _t_us: int = 0  # added to the times of a lap's events
+    _last_us: int = 0  # time of the last event sent
     _action: Floats = field(default_factory=lambda: np.zeros(3))
 
     def begin(self, copies: int, block: int) -> None:
@@ -117,14 +118,21 @@ class _Radio:
         return self._action[None, : infos[0]["supervised_error"].size]
 
 
-def _world(
-    scenario: Scenario, starts: Sequence[Start], url: str, answers: int, speed: float, report: Connection
-) -> None:
-    """Fly laps in real time in a separate process, which ignores Ctrl-C and ends with its parent."""
+def _world(scenario: Scenario, starts: Sequence[Start], url: str, port: int, speed: float, report: Connection) -> None:
+    """Fly laps in real time in a separate process, which ignores Ctrl-C and ends with its parent.
+
+    Args:
+        scenario: scenario of the laps.
+        starts: starts of the laps.
+        url: address for the events.
+        port: port of the controller's socket for looks and actions.
+        speed: factor on real time.
+        report: end of a pipe for each `Lap`, then the missed and all steps, or an error as text.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
-            radio.connect((_HOST, answers))
+            radio.connect((_HOST, port))
             reset_calls = [reset_arguments(start, index) for index, start in enumerate(starts)]
             env = Flights(scenario, [reset_calls[0], *reset_calls])
             pilot: Any = _Radio(url, radio, scenario.step / 1000.0 / speed)
@@ -178,7 +186,7 @@ def fly_live(
     with ExitStack() as stack:
         stream = stack.enter_context(listen(f"udp://{_HOST}:0", format=FORMAT, sensor=(size, size)))
         stack.enter_context(looks).bind((_HOST, 0))
-        pilot = _Pilot(loop.pilot, stream, looks, size, _LOST * world.step / 1000.0 / speed)
+        pilot = _Pilot(loop.pilot, stream, looks, size, _MAX_WAIT * world.step / 1000.0 / speed)
         open_page = None if page is None or sim is None else stack.enter_context(page(sim, pilot.figures))
         context = multiprocessing.get_context("spawn")
         receiver, sender = context.Pipe(duplex=False)
@@ -212,7 +220,14 @@ def fly_live(
 
 
 class _Pilot:
-    """The controller's end of the link: receives looks, and sends actions.
+    """The controller's end of the link: receives events and looks, and sends actions.
+
+    Args:
+        controller: pilot of the closed loop.
+        stream: stream of the events.
+        looks: socket for looks and actions.
+        size: width and height of the picture, px.
+        patience_s: longest wait for the events of a look, s.
 
     Attributes:
         latency: times from the arrival of events to the sending of the action.

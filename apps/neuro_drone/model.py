@@ -42,7 +42,7 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """The result of a training, with all that a test needs.
+    """The result of a training, with everything that a test needs.
 
     Attributes:
         controller: name of the controller.
@@ -54,7 +54,7 @@ class Model:
         learnt: learnt arrays, see `Learner.learnt`.
         history: returns, lengths and steps, (episodes,) each, see `neuro.Log`.
         network: files of the network before learning, by name; empty for other controllers.
-        curve: steps of the training, error_px with frozen weights and lost, (tests,) each, see `Curve`.
+        curve: steps of the training, error_px with frozen weights, and lost flights, (tests,) each, see `train.Curve`.
         world: learnt arrays of the encoders and teachers of the network's world, by name.
     """
 
@@ -71,7 +71,7 @@ class Model:
     world: Mapping[str, Arrays] = field(default_factory=dict)
 
     def training_arguments(self) -> dict[str, Any]:
-        """Return the arguments of the training except its steps, as plain data, with a hash of the network."""
+        """Return the arguments of the training as plain data, without `steps`, and with a hash of the network."""
         digest = hashlib.blake2b(digest_size=16)
         for name in sorted(self.network):
             digest.update(name.encode() + self.network[name].tobytes())
@@ -85,7 +85,7 @@ class Model:
         }
 
     def make_controller(self, scenario: Scenario) -> Any:
-        """Return the controller of `make` before learning, for a scenario."""
+        """Return the controller before learning, made with the stored settings for a scenario."""
         settings = dict(self.settings)
         if self.network:
             own_settings = kind_of(self.controller).settings.own()

@@ -17,7 +17,14 @@ MASS = 0.716
 
 
 def check_whole(name: str, value: Any, least: int = 0, below: str = "") -> None:
-    """Raise an error unless the value is a whole number >= `least`. With a text in `below` it must also be < 2^63."""
+    """Raise an error unless the value is a whole number >= `least`.
+
+    Args:
+        name: name of the value, for the message.
+        value: the value.
+        least: smallest allowed value.
+        below: "2^63" also refuses values >= 2^63; "" sets no upper limit.
+    """
     if isinstance(value, bool) or not isinstance(value, int) or value < least or (below and value >= 2**63):
         end = f" and < {below}" if below else ""
         raise ModelError(f"{name} = {value!r}: expected a whole number >= {least}{end}")
@@ -42,7 +49,8 @@ class Ball(WorldPart):
         speed: speed of the ball, m/s.
         radius: radius of the ball, m.
         brightness: share of full scale.
-        axes: 2 if the drone moves in x and y only; 3 if it also climbs and sinks, to keep the ball `tall` px high.
+        axes: 2 if the drone moves in x and y only. 3 if it also climbs and sinks, which keeps the ball's picture
+            `tall` px high.
         tall: with three axes, target height of the ball's picture, px.
         rise: height of a slow rise and descent, m.
         rise_time: period of the rise and descent, s.
@@ -121,7 +129,8 @@ class Camera(WorldPart):
         mount: gimbal (stays level) or body (rolls and pitches with the drone).
         roll: rotation about the optical axis, clockwise seen from behind, degrees. The picture turns the other way,
             and errors in the picture turn with it.
-        shake: standard deviation of a small random rotation in each step, degrees; a still picture makes no events.
+        shake: standard deviation of a small random rotation in each step, degrees. Without it, a picture in which
+            nothing moves makes no events.
         pos_thres, neg_thres: contrast thresholds, log units.
         sigma_thres: standard deviation of the thresholds over the pixels.
         leak_rate_hz, shot_noise_rate_hz: noise rates of a pixel, Hz.
@@ -189,8 +198,8 @@ class Wind(WorldPart):
         since: start of the wind, s after the start of an episode.
 
     Source: gusts are noise that passes a first-order filter, like the longitudinal gusts of the Dryden spectra of
-    MIL-F-8785C, section 3.7. At 5 m/s and 3 m, the lowest height of the standard, the standard deviation is 0.2 times
-    the speed, and the time constant is 4.6 s.
+    MIL-F-8785C, section 3.7. At a wind of 5 m/s and a height of 3 m, the lowest of the standard, the standard deviation
+    is 0.2 times the speed, and the time constant is 4.6 s.
     """
 
     _place = "wind"
@@ -205,7 +214,7 @@ class Wind(WorldPart):
 
 @dataclass(frozen=True, slots=True)
 class Load(WorldPart):
-    """A load that the drone picks up or drops in flight; its controller is not informed.
+    """A load that the drone picks up or drops in flight. The controller does not know its mass.
 
     Attributes:
         mass: mass picked up, kg; negative if it is dropped. The drone has 0.716 kg.
@@ -222,7 +231,7 @@ class Load(WorldPart):
 
 @dataclass(frozen=True, slots=True)
 class Motors(WorldPart):
-    """Motors that deviate from the command in the plane of the ground; no controller is informed.
+    """A deviation of the flight from the command, in the plane of the ground. No controller knows it.
 
     Attributes:
         mirror: True swaps right and left.
@@ -239,7 +248,7 @@ class Motors(WorldPart):
     since: float = setting(0.0, "s", at_least=0.0, at_most=100_000.0)
 
     def flown(self, right: float, down: float) -> tuple[float, float]:
-        """Return the speed that results from a commanded speed. Axes: right and down in the picture; unit: v_max."""
+        """Return the speed that results from a commanded speed, right and down in the picture, in units of v_max."""
         right = -right if self.mirror else right
         c, s = self.gain * cos(radians(self.angle)), self.gain * sin(radians(self.angle))
         return right * c + down * s, down * c - right * s

@@ -18,7 +18,8 @@ INNER = 0.5
 """Radius of the star's inner points as a share of the radius of its tips, read off the figure in the thesis."""
 
 HANDLE = 0.25
-"""Distance of a Bezier curve's control points from its ends, as a share of the chord; rounds the tips."""
+"""Distance of a Bezier curve's inner control points from its ends, as a share of the chord. A larger share rounds the
+tips more."""
 
 PIECES = 4096
 """Straight pieces of the ball's path."""
@@ -31,9 +32,10 @@ class Variation:
     Attributes:
         scale: factor on the size of the path.
         turn: rotation of the path about its centre, degrees anticlockwise.
-        stretch: for a line, factor along x and its inverse along y, after the turn.
+        stretch: for a line, factor along x. Along y the factor is 1 / stretch. The path is turned first.
         speed: factor on the speed of the ball, or of the drone along a line.
-        begin: shift of the beginning: for a ball a share of the path, for a line a share of the first side.
+        begin: shift of the beginning along the path: for a ball as a share of the path, for a line as a share of the
+            first side.
     """
 
     scale: float = 1.0
@@ -57,7 +59,7 @@ FIXED = Variation()
 def draw_variation(rng: np.random.Generator, line: bool) -> Variation:
     """Draw a variation: factors uniformly in their logarithm, angles and shifts uniformly.
 
-    The ranges are wide enough that a controller that ignores the camera, such as a replayed flight, loses its target.
+    The ranges are so wide that a controller without the camera, such as a replayed flight, loses its target.
 
     Args:
         rng: random generator.
@@ -88,7 +90,7 @@ class FlightCourse:
 
     Attributes:
         path: "varied" draws a path for each lap, see `draw_variation`; "fixed" is the scenario's path, as in the
-            thesis (a replayed flight can complete it without seeing).
+            thesis. A replayed flight can complete the fixed path without the camera.
         seed: seed of the varied paths.
 
     Raises:
@@ -127,7 +129,7 @@ class Path:
     """A closed path of straight pieces.
 
     Args:
-        points: (n, 2) corners, m; the last is joined to the first.
+        points: (n, 2), corners, m. The last corner is joined to the first.
 
     Attributes:
         points: the corners.
@@ -170,8 +172,8 @@ class Path:
 def star(lap: float) -> Path:
     """Return the closed Bezier curve through the eight points of a star of four branches, around the origin.
 
-    Each piece between two points is a cubic whose tangents are parallel to the chord of the neighbouring points, so the
-    curve is smooth everywhere. The curve is then cut into pieces of equal length.
+    Each piece between two points is a cubic. Its tangent at a point is parallel to the chord between the two neighbours
+    of this point, so the curve is smooth everywhere. The curve is then cut into pieces of equal length.
 
     Args:
         lap: length of the curve, m.
@@ -195,11 +197,11 @@ def star(lap: float) -> Path:
         + 3 * u * t**2 * (ends - np.roll(tangent, -1, 0))
         + t**3 * ends
     )
-    fine = curve.transpose(1, 0, 2).reshape(-1, 2)
-    fine = np.vstack([fine, fine[:1]])
-    lengths = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(fine, axis=0).T))))
+    samples = curve.transpose(1, 0, 2).reshape(-1, 2)
+    samples = np.vstack([samples, samples[:1]])
+    lengths = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(samples, axis=0).T))))
     even_lengths = np.arange(PIECES) * (lengths[-1] / PIECES)
-    points = np.stack([np.interp(even_lengths, lengths, fine[:, k]) for k in range(2)], 1)
+    points = np.stack([np.interp(even_lengths, lengths, samples[:, k]) for k in range(2)], 1)
     return Path(points * (lap / Path(points).length))
 
 

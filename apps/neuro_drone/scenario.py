@@ -22,7 +22,7 @@ BULLET_A_MAX = 8.0
 """Largest a_max of physics bullet, m/s^2. Above it the rotors reach their limits, and the drone sinks and turns."""
 SEED = Quantity(whole=True, at_least=0)
 ERROR = Quantity(at_least=-180, at_most=180)
-"""Limits of an initial error, px or degrees."""
+"""Limits of an initial error: -180 to 180 px or degrees."""
 PARTS: dict[str, type[WorldPart]] = {
     "camera": Camera,
     "ground": Ground,
@@ -44,8 +44,8 @@ class Scenario:
         camera, ground, drone, wind, load, motors: parts of the world.
         light: factor on all brightness.
         start: initial error on each axis in each episode: px and px for a ball, px and degrees for a line; None draws
-            it. With three axes the third may be left out and is then 0.
-        seed: seed of the first episode if `reset` has none; None takes one from the operating system.
+            the errors. With three axes the third may be left out and is then 0.
+        seed: seed of the first episode if `reset` gets no seed; None takes a seed from the operating system.
 
     Raises:
         ModelError: a value is out of its range, or two values are incompatible.
@@ -144,7 +144,9 @@ class Scenario:
 
     @classmethod
     def from_words(cls, values: Mapping[str, Any]) -> Scenario:
-        """Return the scenario of `as_words`, also after a conversion to JSON or YAML. Missing values have defaults.
+        """Return the scenario that `as_words` has turned into plain data. Missing values have defaults.
+
+        The data may have been written to JSON or YAML and read again.
 
         Raises:
             ModelError: see `load`.
@@ -160,8 +162,8 @@ def load(scenario: Scenario | str | Path, /, **changes: Any) -> Scenario:
 
     Args:
         scenario: a name of `NAMES`, a YAML file, or a scenario.
-        **changes: values in the grammar of the files, e.g. ``camera={"tilt": 30}``; other values of the part stay.
-            Dotted names have the same effect: ``**{"camera.tilt": 30}``.
+        **changes: values in the grammar of the files, e.g. ``camera={"tilt": 30}``. Other values of the part do not
+            change. Dotted names have the same effect: ``**{"camera.tilt": 30}``.
 
     Raises:
         ModelError: there is no scenario of this name, or a value is wrong. Errors in a file have line and column.
@@ -208,7 +210,7 @@ def _scenario(root: Node, name: str = "") -> Scenario:
 
 
 def _plain(word: str, node: Node) -> Any:
-    """Return the node of a part as plain data, after checking its names."""
+    """Convert the node of a top-level word to plain data. The names in a part or task are checked."""
     if word in PARTS:
         return _words(PARTS[word], node, word)
     if word != "task":
@@ -256,6 +258,7 @@ def errors(what: str, value: Any, axes: int) -> tuple[float, ...]:
 
 
 def _merge(values: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Write changes into the values. A change to None removes the value, so that its default holds."""
     for word, value in changes.items():
         if is_dataclass(value) and not isinstance(value, type):
             value = {"ball" if isinstance(value, Ball) else "line": asdict(value)} if word == "task" else asdict(value)
