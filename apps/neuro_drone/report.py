@@ -34,7 +34,7 @@ TABLE = sealed("a table of 'neuro drone compare'", MARK, "<!-- digest {} -->")
 LINES = 10
 """Progress lines per training without a terminal."""
 AXES = {"ball": ("right, px", "down, px", "taller, px"), "line": ("right, px", "lean, degrees")}
-"""Name and unit of the error on each axis; a ball has the third if the drone climbs."""
+"""Name and unit of the error on each axis. A ball has the third axis only if the drone climbs."""
 
 
 class Bars:
@@ -68,18 +68,25 @@ class Bars:
         self.at(f"seed {progress.seed}", progress.step, progress.steps, progress.text)
 
     def laps(self, total: int) -> Callable[[Lap], None]:
-        """Return a function that shows the number of flown laps; only on a terminal."""
-        flown: list[float] = []
+        """Return a function that shows the number of completed laps and their mean error, on a terminal only."""
+        errors: list[float] = []
 
         def show(lap: Lap) -> None:
-            flown.append(lap.error_px)
+            errors.append(lap.error_px)
             if self._screen:
-                self.at("laps", len(flown), total, f"{len(flown)} of {total}, {sum(flown) / len(flown):.1f} px")
+                self.at("laps", len(errors), total, f"{len(errors)} of {total}, {sum(errors) / len(errors):.1f} px")
 
         return show
 
     def at(self, task: str, done: int, total: int, message: str) -> None:
-        """Show the progress of a task: a bar on a terminal, else some lines."""
+        """Show the progress of a task: a bar on a terminal, else up to `lines` lines.
+
+        Args:
+            task: name of the task.
+            done: completed work.
+            total: all work, in the same unit.
+            message: the progress as text.
+        """
         text, part = f"{task}: {message}", done * self._lines // total
         if task not in self._tasks:
             self._tasks[task] = self._bar.add_task("", total=total)
@@ -99,11 +106,11 @@ def describe_model(model: Model) -> str:
 
 
 BODY = ", as the camera rolls and pitches with the drone (camera.mount=body): try a gain of at most 0.25"
-"""Addition to a training whose last test lost the target. Source of the gain: docs/how-to/drone.md, B60."""
+"""Advice for a training whose last test lost the target. Source of the gain: docs/how-to/drone.md, B60."""
 
 
 def describe_training(model: Model) -> str:
-    """Describe the result of a training: first the error with frozen weights, since learning disturbs the flight."""
+    """Describe the result of a training. The error with frozen weights comes first: learning disturbs the flight."""
     if not model.steps:
         return f"{model.controller} does not learn; stored without training"
     returns, lengths = model.history["returns"], model.history["lengths"]
@@ -263,7 +270,7 @@ def list_controllers() -> None:
 
 
 def write_pictures(model: Model, test: FlightTest, folder: Path) -> list[Path]:
-    """Draw the positions of the target, and for a trained model the training and the weights. Return the files."""
+    """Draw the positions of the target, and for a trained model also its training and its weights. Return the files."""
     figures = {"density.png": density(model, test)}
     if len(model.history.get("returns", ())):
         figures["training.png"] = training(model)
@@ -335,7 +342,7 @@ def density(model: Model, test: FlightTest) -> Figure:
 
 
 def training(model: Model) -> Figure:
-    """Draw steps and mean reward of each episode of a training, and the error of frozen weights during it.
+    """Draw a training: steps and mean reward of each episode, and the error in tests with frozen weights.
 
     Args:
         model: the trained model.
@@ -343,15 +350,15 @@ def training(model: Model) -> Figure:
     Source: thesis, figures 78 and 79, without the error of frozen weights.
     """
     ends, steps = model.history["steps"], model.history["lengths"]
-    reward, short = model.history["returns"] / steps, steps < model.episode
+    reward, ended_early = model.history["returns"] / steps, steps < model.episode
     fig = _figure(7.4, 5.6)
     panels = fig.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": (1, 1.2, 1.2), "hspace": 0.1})
     panels[0].axhline(model.episode, color=RED, lw=0.8)
     panels[0].annotate("whole", (1.0, model.episode), xycoords=("axes fraction", "data"), xytext=(4, -3),
                        textcoords="offset points", color=RED, fontsize=9)  # fmt: skip
     for axes, values in zip(panels, (steps, reward), strict=False):
-        axes.plot(ends[~short], values[~short], ".", ms=5, color=BLUE, alpha=0.5, mew=0)
-        axes.plot(ends[short], values[short], "x", ms=4, color=RED, alpha=0.8)
+        axes.plot(ends[~ended_early], values[~ended_early], ".", ms=5, color=BLUE, alpha=0.5, mew=0)
+        axes.plot(ends[ended_early], values[ended_early], "x", ms=4, color=RED, alpha=0.8)
         medians = [np.median(values[max(0, k + 1 - WINDOW) : k + 1]) for k in range(len(values))]
         axes.plot(ends, medians, color=INK, lw=1.2)
     if len(model.curve.get("steps", ())):
@@ -373,7 +380,8 @@ def weight_maps(model: Model) -> dict[str, npt.NDArray[np.float64]]:
     """Return the weights of each motor as maps of the fields.
 
     Args:
-        model: any model. A spiking network with a projection from 64 cells to its motors and the LMS readout have maps.
+        model: any model. Maps exist for a spiking network with a projection from 64 cells to its motors, and for the
+            LMS readout.
 
     Returns:
         (8, 8) maps by name: one per motor of a network, one per axis of LMS; empty for other models.

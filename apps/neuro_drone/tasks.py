@@ -1,4 +1,4 @@
-"""The tasks, a ball and a line: each sets a start, moves the target, and judges the drone by geometry."""
+"""The tasks: to follow a ball or a line. A task sets the start, moves the target, and judges the drone by geometry."""
 
 from __future__ import annotations
 
@@ -25,23 +25,24 @@ NEARER = 0.75
 
 
 def border(error: tuple[float, ...]) -> tuple[float, float]:
-    """Return the column and row just outside the picture on the side of the last error, px.
+    """Return a column and a row just outside the picture, px, for a target behind the camera, which has no projection.
 
-    Used for a target behind the camera, which has no projection.
+    Args:
+        error: the last error, px. Its signs choose the side of the picture.
     """
     u, v = error[:2]
     return AIM + copysign(FARTHEST, u), AIM + copysign(FARTHEST, v)
 
 
 class Judged(NamedTuple):
-    """State of the task after a step.
+    """The judgement of a drone: the state of the task after a step.
 
     Attributes:
         target: column and row of the target, px; for a target behind the camera, the border on its last side.
         error: signed error on each axis. Ball: px and px, with three axes also the excess height of its picture, px.
             Line: px and degrees.
-        scaled: error on each axis as a share of the largest error; the third axis as a share of the target height.
-        error_px: ball: distance of the target from the aim, px. Line: horizontal distance to the line, px.
+        scaled: error on each axis as a share of the largest error. The third axis is a share of the target height.
+        error_px: Ball: distance of the target from the aim, px. Line: horizontal distance to the line, px.
         reward: 1 - e / e_max, 0 to 1.
         progress: share of the lap, 0 to 1.
         lost: True if the target is outside the picture.
@@ -86,7 +87,7 @@ class Task(Protocol):
             rng: random generator of the start and the direction.
             start: initial error on each axis, in the units of `Judged.error`; None draws one.
             direction: 1 anticlockwise, -1 clockwise, 0 uses the scenario's.
-            varied: change of the scenario's path.
+            varied: variation of the scenario's path in this episode.
 
         Returns:
             The level pose of the drone.
@@ -102,25 +103,37 @@ class Task(Protocol):
         """Advance the target in time and return the objects on the ground."""
 
     def judge(self, view: CameraView, pose: Pose) -> Judged:
-        """Judge the drone at `pose` with the camera `view`. Call once after each `advance`."""
+        """Judge the drone. Call once after each `advance`.
+
+        Args:
+            view: the camera.
+            pose: pose of the drone.
+        """
 
 
+# Constants of `BallTask`.
 PIECES = 100
+"""Number of pieces of the path."""
 NEAR = 0.05
+"""Largest distance of the aim from a covered piece, as a share of the lap's length."""
 WINDOW = 10
+"""Pieces before and behind the ball that can be covered."""
 COVERED = 0.8
+"""Least share of covered pieces."""
 SPREAD = 50.0
+"""Largest initial error on each axis, px."""
 TRIES = 1000
+"""Largest number of draws of a start."""
 FARTHEST_START = 10.0
+"""Largest horizontal distance between ball and drone at the start, in heights of the drone."""
 TALL_SPREAD = 0.4
+"""Largest initial error of the picture's height, as a share of the target height."""
 TALLEST = 2.0
+"""Factor on the target height at which the ball is lost. At its inverse, the ball is lost, too."""
 TALL_ERROR = 0.15
+"""Largest mean error of the picture's height in a lap that counts, as a share of the target height."""
 E_MAX = hypot(FARTHEST, FARTHEST)
-"""Constants of `BallTask`, in order: pieces of the path; largest distance of the aim from a covered piece, share of
-the lap; pieces on both sides of the ball that can be covered; least share of covered pieces; largest initial error,
-px; draws of a start; largest distance of a start, drone heights; largest initial error of the picture's height,
-factor at which a ball is lost, and largest mean error of a lap that counts, as shares of the target height; error with
-reward 0, px."""
+"""Error with reward 0, px."""
 
 
 class BallTask:
@@ -130,17 +143,18 @@ class BallTask:
 
     - the ball completes the path without leaving the picture,
     - the mean error after the first tenth is at most 20 px,
-    - at least 80 of 100 equal pieces of the path are covered: the aim (the point at the ball's height where the camera
-      looks) comes within 5 % of the lap's length of the piece while the ball is within 10 pieces of it,
+    - at least 80 of 100 equal pieces of the path are covered. The aim is the point at the ball's height where the
+      camera looks. A piece is covered if the aim comes within 5 % of the lap's length of it while the ball is within
+      10 pieces of it,
     - after the first tenth, the mean distance of the aim from the ball is at most 3/4 of the distance for a camera that
       hovers over the centre of the star,
     - with three axes: after the first tenth, the height of the ball's picture differs from the target height by at most
       15 % on average. The ball is also lost if its picture has half or twice the target height. The reward is the mean
       of the rewards for position and for size.
 
-    A camera that hovers anywhere fails the third condition. A camera that flies at a speed of its own fails the fourth:
-    averaged over the ball's positions, no such camera is nearer than one over the centre. On the fixed path, a replayed
-    flight that starts near the ball scores without seeing it; tests therefore vary the path.
+    A camera that hovers anywhere fails the third condition. A camera that flies independently of the ball fails the
+    fourth condition: averaged over the ball's positions, a camera over the centre is nearest. On the fixed path, a
+    replayed flight that starts near the ball counts without the camera, so tests vary the path.
 
     Args:
         ball: path, speed and size of the ball.
@@ -158,15 +172,15 @@ class BallTask:
         self._begin(FIXED)
 
     def _begin(self, varied: Variation) -> None:
-        self.path, self._pieces, self._hover_distance = _way(self.ball.lap, varied)
+        self.path, self._pieces, self._hover_distance = _ball_path(self.ball.lap, varied)
         self._speed, self._first = self.ball.speed * varied.speed, varied.begin * self.path.length
         self.way, self._error_sum, self._distance_sum, self._deviation_sum, self._count = 0.0, 0.0, 0.0, 0.0, 0
         self._last = (0.0, 0.0)
         self._time = 0.0
-        self._set()
+        self._place_ball()
         self._aims: list[tuple[float, float, float]] = []
 
-    def _set(self) -> None:
+    def _place_ball(self) -> None:
         """Update the ball's position and radius."""
         (x, y), (z, radius) = self.path.at(self._first + self.way), hop(self.ball, self._time)
         self._place = x, y, z, radius
@@ -203,7 +217,13 @@ class BallTask:
         raise ModelError("camera: all starts within 50 px are near the horizon", hint="tilt it further down")
 
     def _offset(self, du: float, dv: float, tall: float = 0.0) -> tuple[float, float, float] | None:
-        """Return the ball's x and y relative to the drone and the drone's height, m, for an error; None for no pose."""
+        """Return the ball's x and y relative to the drone, and the drone's height, m; None if no pose has the error.
+
+        Args:
+            du: error in columns, px.
+            dv: error in rows, px.
+            tall: error of the height of the ball's picture, px.
+        """
         u, v, ball = AIM + du, AIM + dv, self.ball
         if not self.view.sees(u, v):
             return None
@@ -214,8 +234,8 @@ class BallTask:
         tall += ball.tall
         if dz >= 0.0 or not self._right_size(tall):
             return None
-        far = self.view.depth_of(v, ball.radius, tall)
-        return far * dx, far * dy, ball.radius - far * dz
+        depth = self.view.depth_of(v, ball.radius, tall)
+        return depth * dx, depth * dy, ball.radius - depth * dz
 
     def _right_size(self, tall: float) -> bool:
         return self.ball.tall / TALLEST < tall < self.ball.tall * TALLEST
@@ -228,7 +248,7 @@ class BallTask:
         """See `Task`."""
         self.way += self._speed * seconds
         self._time += seconds
-        self._set()
+        self._place_ball()
         return self.scene()
 
     def judge(self, view: CameraView, pose: Pose) -> Judged:
@@ -266,8 +286,8 @@ class BallTask:
 
     def _follows(self) -> bool:
         is_near = self._distance_sum <= NEARER * self._hover_distance * self._count
-        tall = self.ball.axes == 2 or self._deviation_sum <= TALL_ERROR * self._count
-        return is_near and tall and self._error_sum <= LARGEST_ERROR * self._count and self.coverage() >= COVERED
+        has_size = self.ball.axes == 2 or self._deviation_sum <= TALL_ERROR * self._count
+        return is_near and has_size and self._error_sum <= LARGEST_ERROR * self._count and self.coverage() >= COVERED
 
     def coverage(self) -> float:
         """Return the share of the path's pieces that are covered so far."""
@@ -281,8 +301,13 @@ class BallTask:
 
 
 @lru_cache(maxsize=8)  # a training flies the same few paths all the time
-def _way(lap: float, varied: Variation) -> tuple[Path, npt.NDArray[Any], float]:
-    """Return the ball's path, the points between its pieces, (PIECES, 2), and their mean distance from the centre."""
+def _ball_path(lap: float, varied: Variation) -> tuple[Path, npt.NDArray[Any], float]:
+    """Return the ball's path, the points between its pieces, (PIECES, 2), and their mean distance to the centre, m.
+
+    Args:
+        lap: length of the path without variation, m.
+        varied: variation of the path.
+    """
     path = star(lap).varied(varied)
     ends = np.arange(PIECES) * (path.length / PIECES)
     pieces = np.array([path.at(varied.begin * path.length + s) for s in ends])
@@ -292,36 +317,36 @@ def _way(lap: float, varied: Variation) -> tuple[Path, npt.NDArray[Any], float]:
 def hop(ball: Ball, time: float) -> tuple[float, float]:
     """Return the height of a ball's centre and its radius, m.
 
-    A slow rise is one period of a cosine. Jumps are parabolas without loss of energy.
+    The slow rise follows a cosine. Jumps are parabolas without loss of energy.
 
     Args:
         ball: the scenario's ball.
-        time: time since the start of the episode, s; at 0 the ball lies on the ground with its own radius.
+        time: time since the start of the episode, s. At 0 the ball lies on the ground and has the scenario's radius.
     """
-    radius = up = ball.radius
+    radius = height = ball.radius
     if ball.swell:
-        radius = up = ball.radius * (1.0 + ball.swell * sin(2.0 * pi * time / ball.swell_time))
+        radius = height = ball.radius * (1.0 + ball.swell * sin(2.0 * pi * time / ball.swell_time))
     if ball.rise:
-        up += 0.5 * ball.rise * (1.0 - cos(2.0 * pi * time / ball.rise_time))
+        height += 0.5 * ball.rise * (1.0 - cos(2.0 * pi * time / ball.rise_time))
     if ball.bounce:
         share = time / sqrt(8.0 * ball.bounce / GRAVITY) % 1.0
-        up += 4.0 * ball.bounce * share * (1.0 - share)
-    return up, radius
+        height += 4.0 * ball.bounce * share * (1.0 - share)
+    return height, radius
 
 
 SPREAD_PX = 35.0
 SPREAD_DEGREES = 15.0
-"""Largest initial errors along a line, px and degrees."""
+"""Largest initial errors at a line, px and degrees."""
 ALONG = radians(45.0)
 """Largest deviation from a side's direction that counts as flight along the side, rad."""
 SLOWEST = 1.5
 """Largest time of a lap, as a multiple of the time along the line."""
 SIDES = 6
 EVENLY = radians(15.0)
-"""Mean deviation from the sides' directions of a heading that turns at a constant rate, rad.
+"""Mean deviation of the heading from the sides' directions if the heading turns at a constant rate, rad.
 
-The deviation is 30 degrees at a corner and 0 in the middle of a side, so the mean is a quarter of the mean turn at a
-corner. A stretched hexagon has a larger one.
+The deviation is 30 degrees at a corner and 0 in the middle of a side. The mean is therefore 15 degrees, a quarter of
+the turn of 60 degrees at a corner. A stretched hexagon has a larger mean.
 """
 
 
@@ -332,18 +357,18 @@ class LineTask:
     upright, in the picture). If several sides cross the row, the crossing nearest to column 63 counts. The line is lost
     if no side crosses the row inside the picture. e = (|u - 63| / 64.5 + |lean| / 90) / 2 and e_max = 1.
 
-    Progress is the position on the hexagon of the point nearest to the camera's aim. Backward motion is subtracted.
-    Forward motion is added once the heading is within 45 degrees of the side's direction of travel, unless the point
-    has moved by more than half a side in the meantime. A lap counts if
+    Progress follows the point of the hexagon that is nearest to the camera's aim. Backward motion of this point is
+    subtracted. Forward motion is added once the heading is within 45 degrees of the side's direction of travel, unless
+    the point has moved by more than half a side in the meantime. A lap counts if
 
     - the progress is the whole hexagon, and the line was never lost,
     - the heading has turned by 360 +- 45 degrees from the first side, in the direction of travel,
     - after the first tenth, the line is on average at most 20 px from the middle,
-    - after the first tenth, the heading deviates from the nearest side on average by at most 11.25 degrees: 3/4 of the
-      15 degrees of a heading that turns at a constant rate.
+    - after the first tenth, the heading deviates from the nearest side on average by at most 11.25 degrees. This is 3/4
+      of 15 degrees, the deviation of a heading that turns at a constant rate.
 
-    A constant action therefore does not score: its circle may stay within 5 px of the line, but fails the last
-    condition. An episode ends without a lap after 1.5 times the time of a lap along the line.
+    The lap of a constant action therefore does not count: its circle may stay within 5 px of the line, but fails the
+    last condition. An episode ends without a lap after 1.5 times the time of a lap along the line.
 
     Args:
         line: path, speed and width of the line.
@@ -398,14 +423,19 @@ class LineTask:
         return pose
 
     def _start(self, u: float, lean: float) -> tuple[float, float, float] | None:
-        """Return x, y and yaw at which the first side crosses row 63 at `u` with a lean, rad; None for no pose."""
+        """Return x, y and yaw at which the first side crosses row 63 at a column with a lean; None if no pose does.
+
+        Args:
+            u: the column, px.
+            lean: the lean, rad.
+        """
         view = self.view
         view.look(Pose(0.0, 0.0, self.height))
         point = view.ground(u, AIM) if view.sees(u, AIM) else None
-        there = view.ground(u + 0.5 * tan(lean), AIM - 0.5)
-        if point is None or there is None:
+        next_point = view.ground(u + 0.5 * tan(lean), AIM - 0.5)
+        if point is None or next_point is None:
             return None
-        yaw = self._headings[0] - atan2(there[1] - point[1], there[0] - point[0])
+        yaw = self._headings[0] - atan2(next_point[1] - point[1], next_point[0] - point[0])
         x0, y0, x1, y1 = self._sides[0]
         c, s = cos(yaw), sin(yaw)
         share, remaining_share = self._first, 1.0 - self._first
@@ -428,16 +458,16 @@ class LineTask:
         if u == inf:
             (u, _), lean = border(self._last), self._last[1]
         lost = not view.sees(u, AIM)
-        deviation = self._go(view, pose.yaw)
+        deviation = self._update_progress(view, pose.yaw)
         progress = max(0.0, min(1.0, self.way / SIDES))
         du, _ = self._last = (u - AIM, lean)
         if progress > 0.1:
             self._error_sum += abs(du)
             self._deviation_sum += abs(deviation)
             self._count += 1
-        turned = (pose.yaw - self._headings[0]) * self.direction
+        rotation = (pose.yaw - self._headings[0]) * self.direction
         is_complete = self.way >= SIDES
-        lap = is_complete and not lost and abs(turned - 2.0 * pi) <= ALONG and self._follows()
+        lap = is_complete and not lost and abs(rotation - 2.0 * pi) <= ALONG and self._follows()
         done = is_complete or self.time > SLOWEST * self.path.length / self.forward
         reward = 0.0 if lost else 1.0 - 0.5 * (abs(du) / FARTHEST + abs(lean) / 90.0)
         scaled = (max(-1.0, min(1.0, du / 64.0)), lean / 90.0)
@@ -449,7 +479,7 @@ class LineTask:
         The column is infinite if no side crosses the row.
         """
         # n is normal to all rays of the row, so the row contains the ground points whose dot product with n is 0.
-        smallest, lean = inf, 0.0
+        column, lean = inf, 0.0
         n, (px, py, pz) = view.row(AIM), view.place()
         base = n[0] * px + n[1] * py + n[2] * pz
         for x0, y0, x1, y1 in self._sides:
@@ -459,16 +489,16 @@ class LineTask:
             s = a / (a - b)
             x, y = x0 + s * (x1 - x0), y0 + s * (y1 - y0)
             u, v, depth = view.project(x, y, 0.0)
-            if depth > 0.0 and abs(u - AIM) < abs(smallest - AIM):
+            if depth > 0.0 and abs(u - AIM) < abs(column - AIM):
                 u1, v1, _ = view.project(x + 1e-3 * (x1 - x0), y + 1e-3 * (y1 - y0), 0.0)
                 up = 1.0 if v1 < v else -1.0
-                smallest, lean = u, degrees(atan2(up * (u1 - u), up * (v - v1)))
-        return smallest, lean
+                column, lean = u, degrees(atan2(up * (u1 - u), up * (v - v1)))
+        return column, lean
 
     def _follows(self) -> bool:
         return self._error_sum <= LARGEST_ERROR * self._count and self._deviation_sum <= NEARER * EVENLY * self._count
 
-    def _go(self, view: CameraView, yaw: float) -> float:
+    def _update_progress(self, view: CameraView, yaw: float) -> float:
         """Update the progress, and return the deviation of the heading from the nearest side's direction, rad."""
         aim = view.ground(AIM, AIM)
         if aim is None:
@@ -479,7 +509,7 @@ class LineTask:
             self._place = place
         change = (place - self._place + 0.5 * SIDES) % SIDES - 0.5 * SIDES
         leap = change > 0.5
-        if change <= 0.0 or abs(deviation) <= ALONG or leap:  # else the way counts once the heading is right again
+        if change <= 0.0 or abs(deviation) <= ALONG or leap:  # else it is added once the heading is right again
             self.way += 0.0 if leap else change
             self._place = place
         return deviation

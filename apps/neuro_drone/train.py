@@ -34,18 +34,19 @@ TEST_EVERY = 2000
 """Steps of training between two tests of frozen weights."""
 
 FLIGHTS, FLIGHT_STEPS = 2, 60
-"""Flights of a test, and steps of a flight. All tests add a sixteenth to the steps of a training. In the
-first half of a flight, the drone approaches the target."""
+"""Flights of a test during a training, and steps of a flight. The tests add about a sixteenth to the steps of the
+training. In the first half of a flight, the drone approaches the target."""
 
 TEST_SEED = 2_000_016
 """Seed of starts, paths and noise, the same in every test. A training and `neuro drone test` use other seeds.
 
-The value is the first seed >= 2,000,000 with which the two balls start in opposite quarters of the picture, more than
-25 px off on each axis, and the two lines on opposite sides, more than 10 px off, one in each direction.
+The value is the first seed >= 2,000,000 with suitable starts. The balls of the two flights start in opposite quarters
+of the picture, more than 25 px off on each axis. The two lines start on opposite sides, more than 10 px off, and have
+opposite directions.
 """
 
 LAST = 20
-"""Episodes of the mean reward in a progress report."""
+"""Number of latest episodes whose mean reward a progress report shows."""
 _CURVE = {"steps": np.int64, "error_px": np.float64, "lost": np.int64}
 
 
@@ -57,7 +58,7 @@ class TrainingProgress:
         seed: seed of the training.
         episodes: completed episodes.
         step, steps: completed steps, and all steps.
-        reward: mean reward per step in the last episodes, at most 1; NaN before the first episode.
+        reward: mean reward per step in the last `LAST` episodes, at most 1; NaN before the end of the first episode.
         frozen_px: mean error of the last test with frozen weights, px; NaN before the first test.
     """
 
@@ -128,11 +129,12 @@ def untrained(
 ) -> Model:
     """Return the model of a controller before learning; the arguments are those of `train`."""
     check_whole("seed", seed, below="2^63")
-    flier = make(controller, scenario, seed, settings)
+    new_controller = make(controller, scenario, seed, settings)
     files, world_episode = {}, None
-    if isinstance(flier, Spiking):
-        flier.loop(DroneEnv(scenario))  # errors here name the user's file; the stored network has none
-        files, world_episode = pack_network(flier.net), flier.world.episode
+    if isinstance(new_controller, Spiking):
+        # Errors here name the user's file. Errors of the stored network could not name it.
+        new_controller.loop(DroneEnv(scenario))
+        files, world_episode = pack_network(new_controller.net), new_controller.world.episode
     episode = (world_episode or EPISODES[scenario.kind]) if episode is None else episode
     check_whole("episode", episode, 1)
     return Model(controller, scenario, seed, 0, episode, settings_of(controller, scenario, settings), network=files)
@@ -182,8 +184,8 @@ class Curve:
     While a controller learns, exploration and dopamine hide the quality of its weights. The tests change neither the
     training nor its random numbers.
 
-    The error is `error_px`: for a line the error of its column, and if the drone climbs the error of the ball's
-    position. Errors on the other axes only show as lost flights.
+    The error is `error_px`: for a ball the error of its position in the picture, for a line the error of its column.
+    Errors on the other axes show only if they end in a lost flight.
 
     Args:
         model: the model before learning.
@@ -215,7 +217,7 @@ class Curve:
         errors, lost = [], 0
         for track, info in zip(self._env.errors, self._env.last, strict=True):
             distances = [px for _, px in track]
-            distances += distances[-1:] * (FLIGHT_STEPS - len(distances))  # after a loss the last error counts
+            distances += distances[-1:] * (FLIGHT_STEPS - len(distances))  # after a loss, the last error is repeated
             errors.append(np.mean(distances[FLIGHT_STEPS // 2 :]))
             lost += info["lost"]
         self._env.errors.clear()
@@ -229,7 +231,7 @@ class Curve:
         return float(self._points["error_px"][-1]) if self._points["error_px"] else math.nan
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Return one value per test: steps of the training, error_px (mean of the flights) and lost (lost flights)."""
+        """Return arrays by name, (tests,) each: steps of the training, error_px (mean of the flights), lost flights."""
         return {name: np.array(self._points[name], kind) for name, kind in _CURVE.items()}
 
     def close(self) -> None:
@@ -257,7 +259,7 @@ class TrainingJob:
 def side_by_side(
     jobs: Sequence[TrainingJob], processes: int | None = None, report: Report | None = None
 ) -> list[Model]:
-    """Run several trainings in processes of their own, with the same results as alone; see `neuro.apps.side_by_side`.
+    """Run each training in its own process, with the same results as alone; see `neuro.apps.side_by_side`.
 
     Args:
         jobs: the trainings.
@@ -290,12 +292,12 @@ def apply_changes(scenario: str | Path, controller: str, texts: Sequence[str]) -
     """
     setting_names = set(kind_of(controller).settings.own())
     values = _parse_changes(texts)
-    world = {name for name in values if "." in name or name in _WORDS - setting_names}
-    changed = load(scenario, **{name: values[name] for name in values if name in world})
-    settings = {name: values[name] for name in values if name not in world}
+    scenario_names = {name for name in values if "." in name or name in _WORDS - setting_names}
+    new_scenario = load(scenario, **{name: values[name] for name in values if name in scenario_names})
+    settings = {name: values[name] for name in values if name not in scenario_names}
     names = setting_names | _WORDS
     try:
-        untrained(changed, controller, 0, None, settings)  # raises errors before any training starts
+        untrained(new_scenario, controller, 0, None, settings)  # raises errors before any training starts
     except ModelError as error:  # an unknown parameter of the network may be a misspelt setting
         for name in sorted(settings.keys() - names):
             if error.kind.startswith("unknown parameter") and get_close_matches(name, names, 1):
@@ -304,11 +306,11 @@ def apply_changes(scenario: str | Path, controller: str, texts: Sequence[str]) -
     maker = kind_of(controller).maker
     if isinstance(maker, type) and issubclass(maker, Deep):
         needed(controller)
-    return changed, settings
+    return new_scenario, settings
 
 
 def _parse_changes(texts: Sequence[str]) -> dict[str, Any]:
-    """Return changes by name. Refuse the scenario's seed, since all episodes of a command have seeds of their own."""
+    """Return changes by name. Refuse the scenario's seed, which no command uses."""
     values = assignments(list(texts))
     if "seed" in values:
         raise ModelError("--set seed: it would change nothing", hint="training has --seed; tests have fixed seeds")
@@ -322,7 +324,7 @@ def pilot(model: Path | None, scenario: str | None, controller: str | None, text
         model: file of the model.
         scenario: scenario of the flights; default the scenario of the model, or B60 if there is no file.
         controller: name of the controller, if there is no file.
-        texts: changes, see `apply_changes`; with a model only changes of the scenario.
+        texts: changes, see `apply_changes`. With a file of a model, only changes of the scenario are allowed.
 
     Raises:
         ModelError: see `apply_changes`; or the named controller must be trained first.
@@ -330,9 +332,9 @@ def pilot(model: Path | None, scenario: str | None, controller: str | None, text
     if model is None:
         name = controller or ""
         if kind_of(name).learns:
-            fixed = ", ".join(name for name, kind in CONTROLLERS.items() if not kind.learns)
+            alternatives = ", ".join(name for name, kind in CONTROLLERS.items() if not kind.learns)
             raise ModelError(
-                f"controller '{name}' has to learn first: expected a model, or one of {fixed}",
+                f"controller '{name}' has to learn first: expected a model, or one of {alternatives}",
                 hint=f"neuro drone train --controller {name}",
             )
         world, settings = apply_changes(scenario or "B60", name, texts)

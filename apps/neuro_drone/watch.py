@@ -24,7 +24,7 @@ from neuro_drone.paths import VARIED, FlightCourse
 from neuro_drone.report import motors
 
 MOST = 3_000_000
-"""Most events, and most spikes of a population, on a page. Larger numbers are thinned evenly."""
+"""Largest number of events, and of spikes of a population, on a page. Of larger numbers, every n-th is shown."""
 
 PAGE = sealed(
     "a page of 'neuro drone watch'", '<meta name="generator" content="neuro drone watch">', "<!-- digest {} -->"
@@ -33,7 +33,7 @@ PAGE = sealed(
 TALL, EDGE = 216, 86
 """Height of the raster and width of the names beside it, px."""
 COLOURS = ("item2", "item1", "item3", "item4", "item5", "soft")
-"""Colours of the motors, names of the page's style."""
+"""Colours of the motors, by their names in the page's style."""
 CAMERA = html.Html(
     '<i style="background:var(--on)"></i>brighter <i style="background:var(--off);margin-left:4px"></i>darker '
     '<i style="border:1.5px solid var(--bad);border-radius:50%;margin-left:6px"></i>true position'
@@ -46,10 +46,10 @@ TRAINING = html.Html(
 )
 
 POINTS = 600
-"""Most points of the drawn path."""
+"""Largest number of points of the drawn path."""
 
 FAR = 6.0
-"""Largest distance of the drawn footprint of the camera, m; towards the horizon the footprint is infinite."""
+"""Largest distance of the drawn footprint from the camera, m. Towards the horizon, the true footprint is infinite."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +71,7 @@ class FlightSpikes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
-    """The record of a lap: n steps, the first of which is the start without an action.
+    """The record of a lap. It has n steps; the first step is the start, which has no action.
 
     Attributes:
         model: the model that flew.
@@ -121,7 +121,7 @@ class Flight:
 
 
 class _RecordedFlight(Flights):
-    """An environment that records every step of a lap, by the names of `Flight`."""
+    """An environment that records every step of a lap under the names of `Flight`'s attributes."""
 
     def reset(self, **options: Any) -> tuple[npt.NDArray[Any], dict[str, Any]]:
         """Begin the lap."""
@@ -178,7 +178,7 @@ def fly(model: Model, start: Start, backend: str = "event") -> Flight:
 
 
 def _world_state(env: DroneEnv) -> dict[str, Any]:
-    """Return the state of the world after a step, by the names of `Flight`."""
+    """Return the state of the world after a step, under the names of `Flight`'s attributes."""
     ball, pose, weather = env.task.scene().ball, env.body.pose, env.weather
     return {
         "poses": (pose.x, pose.y, pose.yaw),
@@ -218,7 +218,7 @@ def watch(
         start: initial error on each axis; default -30 px on both, for a line 20 px and 10 degrees. With three axes the
             third may be left out and is then 0.
         backend: backend of the controller's network.
-        course: paths of a test; the lap has the first.
+        course: paths of a test. The lap has the first of these paths.
 
     Returns:
         The result of the lap as text, see `outcome`.
@@ -248,10 +248,10 @@ def page(flight: Flight) -> str:
     """Return the page as HTML text."""
     model, world = flight.model, flight.model.scenario
     training = f"after {model.steps:,} steps of training (seed {model.seed})" if model.steps else "which does not learn"
-    thinned = player.evenly(len(flight.x), MOST)
+    stride = player.evenly(len(flight.x), MOST)
     notes = [f"{model.controller}, {training}", "weights frozen, no dopamine", str(flight.start.path), outcome(flight)]
     notes += [f"network on {flight.backend}"] if flight.spikes and flight.backend != "event" else []
-    notes += [f"one of every {thinned} events is shown"] if thinned > 1 else []
+    notes += [f"one of every {stride} events is shown"] if stride > 1 else []
     steps, window = len(flight.errors) - 1, max(3000.0, 20 * world.step) / world.step
     timeline = player.Timeline(
         end=steps,
@@ -279,12 +279,12 @@ def page(flight: Flight) -> str:
     columns = "1fr 1fr 216px"
     title = f"{model.controller} in {world.name}"
     return player.page(
-        "neuro drone watch", title, notes, timeline, _top(flight, thinned), lower_panels, columns=columns, script=script
+        "neuro drone watch", title, notes, timeline, _top(flight, stride), lower_panels, columns=columns, script=script
     )
 
 
-def _top(flight: Flight, thinned: int) -> list[player.Panel | list[player.Panel]]:
-    """Return the panels of world, camera, fields and action."""
+def _top(flight: Flight, stride: int) -> list[player.Panel | list[player.Panel]]:
+    """Return the panels of world, camera, fields and action. The camera shows one of every `stride` events."""
     world, names = flight.model.scenario, motors(flight.model.scenario)
     world_data = {
         "path": flight.path[:: max(1, len(flight.path) // POINTS)].ravel(), "poses": flight.poses.ravel(),
@@ -296,7 +296,7 @@ def _top(flight: Flight, thinned: int) -> list[player.Panel | list[player.Panel]
     ends = np.concatenate(([0], np.cumsum(flight.events)))
     pixels = 2 * (128 * flight.y.astype(int) + flight.x) + flight.p
     camera = {
-        "width": 128, "height": 128, "place": pixels[::thinned], "first": -(-ends // thinned), "unit": 1, "span": 4,
+        "width": 128, "height": 128, "place": pixels[::stride], "first": -(-ends // stride), "unit": 1, "span": 4,
         "fade": [1, 0.45, 0.25, 0.13], "targets": flight.targets.ravel(),
         "talls": np.nan_to_num(flight.talls, posinf=0.0),
     }  # fmt: skip
@@ -322,13 +322,21 @@ def _top(flight: Flight, thinned: int) -> list[player.Panel | list[player.Panel]
 
 
 def _busy(flight: Flight) -> int:
-    """Return the number of events with the darkest shade. In a tenth of the steps some field has more events."""
+    """Return the number of events from which a field has the full shade.
+
+    The fullest field of a step has more events in a tenth of the steps only.
+    """
     fullest = np.sort(flight.counts.max(axis=(1, 2)))
     return max(1, int(fullest[int(0.9 * len(fullest))]))
 
 
 def _raster(flight: Flight, window: float) -> player.Track:
-    """Return the raster of the spikes of all populations; without spiking neurons, of the events of the fields."""
+    """Return the raster of the spikes of all populations. A controller without spiking neurons has a raster of events.
+
+    Args:
+        flight: the record of a lap.
+        window: visible time, in control steps.
+    """
     world, names = flight.model.scenario, motors(flight.model.scenario)
     if not flight.spikes:
         counts = flight.counts.reshape(len(flight.counts), -1)
@@ -339,6 +347,7 @@ def _raster(flight: Flight, window: float) -> player.Track:
             "raster", "raster", "events of the fields", {"strips": [strip], "window": window, "edge": EDGE}
         )
     strips, is_motor = list[dict[str, Any]](), [p.name == "motors" and p.size == len(names) for p in flight.spikes]
+    # The motors have 0.4 of the height; the others share 0.6 by the square roots of their sizes.
     roots = [0.0 if motor else np.sqrt(part.size) for part, motor in zip(flight.spikes, is_motor, strict=True)]
     weights = np.array(
         [0.4 if motor else 0.6 * root / (sum(roots) or 1.0) for motor, root in zip(is_motor, roots, strict=True)]
@@ -373,14 +382,14 @@ def _errors(flight: Flight) -> player.Track:
 def _training(model: Model) -> player.Track:
     """Return the plot of the error with frozen weights during the training, and of the mean reward per step."""
     history, curve = model.history, model.curve
-    test_steps, frozen, lost = (np.asarray(curve.get(name, ()), float) for name in ("steps", "error_px", "lost"))
+    test_steps, frozen_px, lost = (np.asarray(curve.get(name, ()), float) for name in ("steps", "error_px", "lost"))
     rewards = {"x": history["steps"], "y": history["returns"] / history["lengths"], "style": "dots", "colour": "soft"}
     lines = [
-        {"x": test_steps, "y": frozen, "style": "rings", "colour": "item4", "width": 1.8},
-        {"x": test_steps[lost > 0], "y": frozen[lost > 0], "style": "crosses", "colour": "bad", "width": 1.8},
+        {"x": test_steps, "y": frozen_px, "style": "rings", "colour": "item4", "width": 1.8},
+        {"x": test_steps[lost > 0], "y": frozen_px[lost > 0], "style": "crosses", "colour": "bad", "width": 1.8},
     ]
     lanes = [
-        {"low": 0, "high": max(10.0, frozen.max(initial=0.0)), "marks": 3, "unit": " px", "lines": lines},
+        {"low": 0, "high": max(10.0, frozen_px.max(initial=0.0)), "marks": 3, "unit": " px", "lines": lines},
         {"low": 0, "high": 1, "marks": 2, "lines": [rewards]},
     ]
     data = {"lanes": lanes, "edge": EDGE, "end": model.steps, "axis": "steps"}
