@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from torch import Tensor, nn
 
 AT_ONCE = 256
+"""Number of examples processed together."""
 
 
 class CNN(Method):
@@ -66,7 +67,7 @@ class QuantisedCNN(CNN):
     title = "the convolutional network in 8 bits, quantised after training"
 
     def fit(self, train: Examples, settings: Mapping[str, Any], seed: int) -> Network:
-        """Train on examples, then quantise with the largest activations of the first ones; see `Method`."""
+        """Train on examples, then quantise by the largest activations of the first recordings; see `Method`."""
         calibration = train.take(np.arange(min(train.recordings, AT_ONCE)), 1)
         modules = [quantise(module, calibration) for module in self._members(train, settings, seed)]
         return Network(ensemble(modules), "int8")
@@ -99,7 +100,14 @@ class GRU(Method):
 
 
 def members(make: Any, train: Examples, settings: Mapping[str, Any], seed: int) -> list[Any]:
-    """Train `settings["members"]` modules with different initial weights; batch normalisation is fused into weights."""
+    """Train `settings["members"]` modules with different initial weights, and fuse batch normalisation into weights.
+
+    Args:
+        make: function that returns the layers of an untrained module.
+        train: the examples.
+        settings: see `train_module`.
+        seed: seed of the first module; the next modules have seed + 1000, seed + 2000, and so on.
+    """
     from torch import nn
     from torch.nn.utils.fusion import fuse_conv_bn_eval
 
@@ -129,7 +137,7 @@ def ensemble(modules: list[Any]) -> Any:
 def train_classifier(make: Any, train: Examples, settings: Mapping[str, Any], seed: int) -> Any:
     """Train a classifier by cross-entropy in batches of 32, with random shifts and warps of the frames.
 
-    An epoch has each recording once. Version k mod `versions` of the recordings is used in epoch k.
+    Each recording is used once in an epoch. Epoch k uses version k mod `versions` of all recordings.
     """
     import torch
 
@@ -198,7 +206,7 @@ def warp_frames(frames: Any, most: int, warp: float, rng: np.random.Generator) -
 
 
 def shift_frames(frames: Any, most: int, rng: np.random.Generator) -> Any:
-    """Shift frames at random along rows and columns by at most `most` pixels; empty pixels are 0."""
+    """Shift frames at random along rows and columns by at most `most` pixels. Pixels at the freed borders are 0."""
     if not most:
         return frames
     rows, columns = frames.shape[2:]
@@ -227,7 +235,7 @@ class Network:
             return torch.cat([self.module(part).argmax(dim=1) for part in parts]).numpy()
 
     def costs(self, data: Any) -> Costs:
-        """Count the multiply-accumulates of each layer whose weight and input are both not 0, as NeuroBench does."""
+        """Return the costs. Only multiply-accumulates with weight and input other than 0 count, as in NeuroBench."""
         from torch import nn
 
         totals = dict.fromkeys(("macs", "dense", "zeros", "activations"), 0.0)
@@ -289,7 +297,7 @@ def _effective(layer: Any, inputs: Tensor, out: Any, dense: bool = False) -> flo
 
 
 def quantise(module: Any, data: Examples) -> nn.Module:
-    """Round a sequence of layers to 8 bits: weights with one scale for each output, inputs with one for each layer.
+    """Round a sequence of layers to 8 bits. Weights have one scale for each output, inputs have one for each layer.
 
     Args:
         module: the trained layers.

@@ -13,8 +13,8 @@ The microcontroller is a Cortex-M33 (NUCLEO-U575ZI-Q), with 4.151 mJ measured fo
 Cortex-M4 (NUCLEO-L4R5ZI) needed 12.298 mJ, so 0.98 nJ for each MAC.
 
 According to Horowitz, reading 64 bits adds 10 pJ from an 8 kB cache and 1,300 pJ or more from DRAM. The joules of Loihi
-and SpiNNaker are bills of `neuro.chips`, with routing and static power, whose tables cite a source for each figure. A
-chip that refuses the network has no bill.
+and SpiNNaker are bills of `neuro.chips`, which contain routing and static power; the tables of `neuro.chips` cite a
+source for each figure. A chip that refuses the network has no bill.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ class Costs:
         joules: energy of one example, by processor or chip.
         joules_of_spikes: part of the energy that is proportional to the number of spikes, by chip.
         refused: reason why a chip cannot run the model, by chip.
-        unpriced: names of the costs without a published figure, which `joules` lacks, by chip.
-        host: ``macs`` and ``bytes`` of an example outside of a spiking network, and their ``joules``, which are in
-            those of each chip; empty without a count.
+        unpriced: names of the costs without a published figure, by chip. They are missing in `joules`.
+        host: operations of an example outside of a spiking network: ``macs``, ``bytes``, and their ``joules``, which
+            the joules of each chip include. Empty without a count.
     """
 
     parameters: int | None
@@ -89,12 +89,12 @@ UNKNOWN = Costs(
 
 
 def arithmetic(kind: str, macs: float, dense: float) -> dict[str, float]:
-    """Return the energy of multiply-accumulates in J, for the arithmetic alone and on a processor, by row of the table.
+    """Return the energy of multiply-accumulates in J by row of the module's table: arithmetic alone, and a processor.
 
     Args:
         kind: number format, a key of `PROCESSORS`.
-        macs: number of multiply-accumulates whose factors are both not 0; only these count as arithmetic.
-        dense: number of all multiply-accumulates; a processor computes all.
+        macs: number of multiply-accumulates whose factors are both not 0. Only these count as arithmetic.
+        dense: number of all multiply-accumulates. A processor computes all of them.
     """
     processor, picojoules = PROCESSORS[kind]
     return {f"{kind} arithmetic, 45 nm": PICOJOULES[kind] * 1e-12 * macs, processor: picojoules * 1e-12 * dense}
@@ -130,7 +130,7 @@ def spiking_costs(
         counts: the simulation's counts for all these examples, from `Simulation.taken`.
         examples: number of examples.
         steps: steps of one example; by default the steps of the run divided by the number of examples.
-        clock: whether to include real time, which has no meaning where a step has no duration.
+        clock: True adds the bills in real time, which have no meaning if a step stands for no duration.
         host: operations outside of the network for all these examples.
     """
     from neuro.chips import neurobench
@@ -148,7 +148,7 @@ def spiking_costs(
 def on_chips(
     sim: neuro.Simulation, counts: Any, examples: int, clock: bool = True, host: Sequence[HostWork] = ()
 ) -> dict[str, Any]:
-    """Return `joules`, `joules_of_spikes`, `refused`, `unpriced` and `host` of a network; see `spiking_costs`."""
+    """Return `joules`, `joules_of_spikes`, `refused`, `unpriced` and `host` of `Costs`; see `spiking_costs`."""
     from neuro.chips import chip, place, quantise
 
     joules, joules_of_spikes, refused, unpriced = {}, {}, {}, {}

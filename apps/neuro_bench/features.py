@@ -18,8 +18,8 @@ from neuro_events.representations import hats
 def _rows(data: Examples, pooled: int = 1) -> Any:
     """Return the frames of each example as a row, averaged over squares of `pooled` x `pooled` pixels."""
     n, channels, rows, columns = data.frames.shape
-    cut = data.frames[:, :, : rows - rows % pooled, : columns - columns % pooled]
-    means = cut.reshape(n, channels, rows // pooled, pooled, columns // pooled, pooled).mean(axis=(3, 5))
+    whole_squares = data.frames[:, :, : rows - rows % pooled, : columns - columns % pooled]
+    means = whole_squares.reshape(n, channels, rows // pooled, pooled, columns // pooled, pooled).mean(axis=(3, 5))
     return means.reshape(n, -1)
 
 
@@ -38,7 +38,7 @@ class LogisticRegression(Method):
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import StandardScaler
 
-        # the first versions of all recordings: an exact learner of many of them takes long, and gains little
+        # Only the first versions of each recording: with more, training is much slower and hardly more accurate.
         train = train.take(np.arange(train.recordings), min(settings["versions"], train.versions))
         learner = make_pipeline(StandardScaler(), Logistic(C=settings["C"], max_iter=1000, random_state=seed))
         learner.fit(_rows(train, settings["pooled"]), train.labels)
@@ -64,7 +64,7 @@ class GradientBoosting(Method):
         check_installed(self, "sklearn")
         from sklearn.ensemble import HistGradientBoostingClassifier as Boosting
 
-        # the first versions of all recordings: an exact learner of many of them takes long, and gains little
+        # Only the first versions of each recording: with more, training is much slower and hardly more accurate.
         train = train.take(np.arange(train.recordings), min(settings["versions"], train.versions))
         options = {"learning_rate": settings["rate"], "max_iter": settings["trees"], "early_stopping": False}
         learner = Boosting(max_leaf_nodes=settings["leaves"], random_state=seed, **options)
@@ -75,7 +75,7 @@ class GradientBoosting(Method):
 class HATS(Method):
     """Histograms of averaged time surfaces (HATS) over cells of neurons, and a linear support vector machine.
 
-    The features are those of `neuro recognise --method hats`. A sheet of the input is a polarity.
+    The features are those of `neuro recognise --method hats`. Each sheet of the input holds one polarity.
     """
 
     called_by = "hats"
@@ -98,7 +98,7 @@ class HATS(Method):
 
 
 def recordings(data: Examples) -> Iterator[Events]:
-    """Yield the spikes of each example as camera events: a sheet is a polarity, a step has one time."""
+    """Yield the spikes of each example as camera events. A sheet is a polarity; all events of a step have one time."""
     spikes = data.spikes
     p, y, x = (coordinate.astype(np.uint16) for coordinate in np.unravel_index(spikes.neuron, spikes.shape))
     t, size = (1e3 * spikes.step * spikes.at).astype(np.int64), spikes.shape[:0:-1]
@@ -108,7 +108,7 @@ def recordings(data: Examples) -> Iterator[Events]:
 
 
 def surfaces(data: Examples, settings: Mapping[str, Any]) -> Any:
-    """Return the histograms of each example as a row."""
+    """Return the histograms of each example as a row, shape (examples, features); see `HATS`."""
     tau = round(1e3 * settings["tau"])
     options: Any = {"cell": settings["cell"], "radius": settings["radius"], "window_us": tau, "tau_us": tau}
     return np.stack([hats(events, **options).ravel() for events in recordings(data)])
@@ -123,7 +123,7 @@ class _HATS:
         return self._learner.predict(surfaces(data, self.settings))
 
     def costs(self, data: Examples) -> Costs:
-        """Count the products of the classifier, and one for each neuron in the neighbourhood of each spike."""
+        """Count the products of the classifier, and one product for each pixel around each spike."""
         weights = self._learner[-1].coef_
         neighbours = len(data.spikes.at) / len(data) * (2 * self.settings["radius"] + 1) ** 2
         effective = neighbours + float((surfaces(data, self.settings) != 0).sum() / len(data)) * len(weights)
@@ -145,8 +145,8 @@ class _Classifier:
         if self._weights is None:
             return UNKNOWN
         size = self._weights.size + len(self._weights)
-        used = (self._weights != 0).sum(axis=0)
-        effective = float(((_rows(data, self._pooled) != 0) * used).sum() / len(data))
+        products = (self._weights != 0).sum(axis=0)  # of each feature
+        effective = float(((_rows(data, self._pooled) != 0) * products).sum() / len(data))
         zeros = 1.0 - np.count_nonzero(self._weights) / self._weights.size
         footprint, dense = self._weights.itemsize * size, float(self._weights.size)
         return product_costs(size, footprint, effective, dense, connection_sparsity=zeros)

@@ -19,7 +19,7 @@ STEP = 4.0
 LONGEST = 2000
 """Segments of this number of steps (8 s) or more count as pauses of the monkey."""
 LARGEST = 1e9
-"""Bound of valid times in s and positions in mm."""
+"""Valid times in s and positions in mm have a smaller absolute value."""
 VARIABLES = ("t", "cursor_pos", "target_pos", "spikes")
 FAILURES = (OSError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError)
 """Exceptions of h5py for a damaged file, except KeyError."""
@@ -35,9 +35,10 @@ class PrimateReaching(Task):
     """Regression of the cursor's velocity in mm per step of 4 ms from the spikes so far; each file is a fold.
 
     The rules are those of NeuroBench 2.3 (``datasets/primate_reaching.py`` and ``examples/primate_reaching``). A
-    channel spikes in a step if any of its units does, sorted or not. Velocities are central differences. A segment ends
-    when the target moves. The first half of the segments is the training part, the next quarter the validation part and
-    the last quarter the test part. The split ``active`` omits segments of 8 s or more (``remove_segments_inactive``).
+    channel spikes in a step if any of its units, sorted or unsorted, spikes. Velocities are central differences. A
+    segment ends when the target moves. The first half of the segments is the training part, the next quarter the
+    validation part and the last quarter the test part. The split ``active`` omits segments of 8 s or more
+    (``remove_segments_inactive``).
     """
 
     kind = "regression"
@@ -68,12 +69,12 @@ class PrimateReaching(Task):
             message = f"{file}: target_pos moves {len(segments) - 1} times: expected at least 2, for three segments"
             raise ModelError(message, hint=SOURCE)
         lengths = np.diff(segments, axis=1)[:, 0]
-        short = np.repeat(lengths < LONGEST, lengths)
+        is_active = np.repeat(lengths < LONGEST, lengths)
 
         def part(first: int, end: int) -> Recording:
             steps = slice(segments[first, 0], segments[end - 1, 1])
             whole_part = recording.take(steps)
-            return whole_part if self.split == "official" else whole_part.take(short[steps])
+            return whole_part if self.split == "official" else whole_part.take(is_active[steps])
 
         test_begin = train + validation
         parts = part(0, train), part(train, test_begin), part(0, test_begin), part(test_begin, len(segments))
@@ -91,7 +92,7 @@ def read(path: Path) -> tuple[Recording, npt.NDArray[np.int64]]:
     """Read a file of the data set in MATLAB 7.3 format, which is HDF5.
 
     Returns:
-        spikes and velocities, and the first and the end step of each segment, shape (segments, 2).
+        spikes and velocities, and the first step and the last step + 1 of each segment, shape (segments, 2).
 
     Raises:
         ModelError: the file is damaged or has another format.

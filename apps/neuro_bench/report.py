@@ -65,18 +65,22 @@ def compared(results: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
 
 
 def verdict(results: Sequence[Mapping[str, Any]]) -> str:
-    """Return a line that names the best method, and the best of the other kind (spiking or non-spiking)."""
+    """Return a line that names the best method and the best method of the other kind, spiking or non-spiking.
+
+    Args:
+        results: the results, best first.
+    """
     best = results[0]
     spiking, kinds = best["method"]["spiking"], {True: "spiking", False: "non-spiking"}
     name, unit = best["method"]["name"], best["task"]["metric"]
     line = f"{name} wins, a {kinds[spiking]} network or method: {_score(best)} ({unit})"
-    other = next((one for one in results if one["method"]["spiking"] != spiking), None)
-    if other is None:
+    rival = next((result for result in results if result["method"]["spiking"] != spiking), None)
+    if rival is None:
         return f"{line}; nothing {kinds[not spiking]} was compared"
-    gap = abs(best["mean"] - other["mean"])
-    (a, b), (c, d) = _interval(best), _interval(other)  # NaN of a single score
-    also = "; their intervals overlap" if a <= d and c <= b else ""
-    return f"{line}; the best {kinds[not spiking]} is {other['method']['name']}, {_number(gap, best)} behind{also}"
+    gap = abs(best["mean"] - rival["mean"])
+    (low, high), (rival_low, rival_high) = _interval(best), _interval(rival)  # NaN of a single score
+    note = "; their intervals overlap" if low <= rival_high and rival_low <= high else ""
+    return f"{line}; the best {kinds[not spiking]} is {rival['method']['name']}, {_number(gap, best)} behind{note}"
 
 
 def _interval(result: Mapping[str, Any]) -> tuple[float, float]:
@@ -128,26 +132,26 @@ def show(results: Sequence[Mapping[str, Any]]) -> None:
 
 
 def sensitivity(results: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Compare the energy of the best spiking network with that of the best other method.
+    """Compare the energy of the best spiking network with the energy of the best non-spiking method that has one.
 
     Each line states the factor of the number of spikes up to which the spiking network needs less energy.
     """
-    spiking = next((one for one in results if one["method"]["spiking"]), None)
-    other = next((one for one in results if not one["method"]["spiking"] and one["costs"]["joules"]), None)
-    if spiking is None or other is None:
+    spiking = next((result for result in results if result["method"]["spiking"]), None)
+    dense = next((result for result in results if not result["method"]["spiking"] and result["costs"]["joules"]), None)
+    if spiking is None or dense is None:
         return []
-    lines, costs, other_joules = [], spiking["costs"], other["costs"]["joules"]
+    lines, costs, dense_joules = [], spiking["costs"], dense["costs"]["joules"]
     for chip, spike_joules in costs.get("joules_of_spikes", {}).items():
-        for name, joules in other_joules.items():
+        for name, joules in dense_joules.items():
             times = break_even(costs["joules"][chip], spike_joules, joules)
-            contest = f"{spiking['method']['name']} on {chip} against {other['method']['name']} on {name}"
+            contest = f"{spiking['method']['name']} on {chip} against {dense['method']['name']} on {name}"
             answer = f"fewer joules up to {times:.3g} times its spikes" if times else "more joules, even without spikes"
             lines.append(f"{contest}: {answer}")
     return lines
 
 
 def row(result: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return a row of the table."""
+    """Return the row of a result in the table."""
     costs, times_ms = result["costs"], [fold["ms_an_example"] for fold in result["folds"]]
     return (
         result["method"]["name"],

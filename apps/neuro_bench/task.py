@@ -55,7 +55,12 @@ class Spikes:
         return cls((sheets, rows, columns), steps, step, example, step_index, neuron)
 
     def take(self, chosen: Ints, examples: int) -> Spikes:
-        """Return the spikes of the examples with indices `chosen`, in this order, out of `examples` examples."""
+        """Return the spikes of some examples.
+
+        Args:
+            chosen: indices of these examples, in the order of the result.
+            examples: number of all examples.
+        """
         ends = np.searchsorted(self.example, np.arange(examples + 1))
         lengths = ends[chosen + 1] - ends[chosen]
         ranges = [np.arange(ends[k], ends[k + 1]) for k in chosen]
@@ -101,7 +106,12 @@ class Examples:
         return len(self) // self.versions
 
     def take(self, chosen: Ints, versions: int | None = None) -> Examples:
-        """Return the recordings with indices `chosen`, in this order, with their first `versions` versions or all."""
+        """Return some recordings.
+
+        Args:
+            chosen: indices of these recordings, in the order of the result.
+            versions: number of versions of each recording, from the first; None for all.
+        """
         count = self.versions if versions is None else versions
         index = (np.arange(count)[:, None] * self.recordings + np.asarray(chosen, np.int64)).reshape(-1)
         spikes = self.spikes.take(index, len(self))
@@ -141,11 +151,11 @@ class Fold:
 
     Attributes:
         name: name of the fold in the results.
-        train: training part for the choice of settings; for series a list of series.
-        validation: part whose score chooses the settings; for series a list with the continuation of each series in
-            `train`. Settings are chosen once for all folds with the same list object.
-        both: data for the final training with the chosen settings: `train` and `validation` together; for series, the
-            values of each series before `test`.
+        train: training part for the choice of settings. For series, a list of series.
+        validation: part whose score chooses the settings. For series, a list with the continuation of each series in
+            `train`. Folds with the same list object share one choice of settings.
+        both: data for the final training with the chosen settings: `train` and `validation` together. For series, the
+            values before `test`.
         test: test part, used once.
     """
 
@@ -160,7 +170,7 @@ class Task:
     """Base class of tasks.
 
     Class attributes:
-        kind: "classes", "series" or "regression"; a regression predicts values at each step from the spikes so far.
+        kind: "classes", "series" or "regression". A regression predicts values at each step from the spikes so far.
         called_by: name on the command line.
         title: one-line description.
         licence: licence of the data.
@@ -208,7 +218,12 @@ class Task:
         raise NotImplementedError
 
     def score(self, predicted: Any, expected: Any) -> float:
-        """Return the score of predictions for a part of the data: by default the accuracy in %."""
+        """Return the score of predictions: by default the accuracy in %.
+
+        Args:
+            predicted: result of `Model.predict`.
+            expected: the part of a fold that was predicted.
+        """
         return 100.0 * float(np.mean(np.asarray(predicted) == expected.labels))
 
 
@@ -234,15 +249,20 @@ class Folds(Sequence[Fold]):
             return Folds(self._examples, self._parts[k])
         name, *masks = self._parts[k]
         train, validation, test = (np.flatnonzero(mask) for mask in masks)
-        chosen_rows = np.flatnonzero(masks[0] | masks[1])
+        both = np.flatnonzero(masks[0] | masks[1])
         take = self._examples.take
-        return Fold(name, take(train), take(validation, 1), take(chosen_rows), take(test, 1))
+        return Fold(name, take(train), take(validation, 1), take(both), take(test, 1))
 
 
 def random_folds(examples: Examples, count: int, seed: int) -> Folds:
     """Draw folds, stratified by class, so that each recording is in one test part.
 
-    A tenth of the other recordings is the validation part of a fold.
+    A tenth of the recordings outside the test part is the validation part of a fold.
+
+    Args:
+        examples: the recordings.
+        count: number of folds.
+        seed: seed of the draws.
 
     Raises:
         ModelError: there are fewer than two recordings for each fold.
@@ -251,17 +271,17 @@ def random_folds(examples: Examples, count: int, seed: int) -> Folds:
     if n < 2 * count:
         raise ModelError(f"found {n} examples: expected at least {2 * count} for {count} folds")
     rng = np.random.default_rng((seed, 1))
-    part = np.empty(n, dtype=np.int64)
+    fold_of = np.empty(n, dtype=np.int64)  # index of the fold that tests each recording
     first = 0
     for label in range(len(examples.classes)):
         members = np.flatnonzero(examples.labels[:n] == label)
-        part[rng.permutation(members)] = (first + np.arange(len(members))) % count
+        fold_of[rng.permutation(members)] = (first + np.arange(len(members))) % count
         first += len(members)
     parts = []
     for k in range(count):
-        test, validation = part == k, np.zeros(n, dtype=np.bool_)
-        learnable = np.random.default_rng((seed, 2, k)).permutation(np.flatnonzero(~test))
-        validation[learnable[: max(1, len(learnable) // 10)]] = True
+        test, validation = fold_of == k, np.zeros(n, dtype=np.bool_)
+        not_tested = np.random.default_rng((seed, 2, k)).permutation(np.flatnonzero(~test))
+        validation[not_tested[: max(1, len(not_tested) // 10)]] = True
         parts.append((f"random {k + 1}", ~test & ~validation, validation, test))
     return Folds(examples, parts)
 
