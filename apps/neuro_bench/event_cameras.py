@@ -22,11 +22,12 @@ class Recorded(Task):
 
     Class attributes:
         step: length of a step, ms.
-        steps: number of steps, from the first event on. Later events are dropped; short recordings end in silence.
+        steps: number of steps, from the first event on. Later events are dropped. A shorter recording has no spikes in
+            its last steps.
         frames: number of frames, all of the same length.
         side: side of the used square in neurons; the square begins at pixel (0, 0).
         scale: side in px of the square of pixels that share a neuron.
-        part: folder of the recordings in data sets with several, such as Train and Test; None for all.
+        part: folder of the recordings, if a data set has several such as Train and Test; None for all recordings.
     """
 
     step: ClassVar[float] = 5.0
@@ -148,7 +149,7 @@ class SHD(Task):
 
 
 def _read(path: Path) -> tuple[Any, Ints, tuple[str, ...]]:
-    """Return spike counts of a file, shape (recordings, steps, channels), labels and names of the classes."""
+    """Return the spike counts of a file, shape (recordings, steps, pooled channels), labels and class names."""
     import h5py
 
     record_input(path)

@@ -22,11 +22,11 @@ POINTS = 75
 TRAIN, TEST = 10, 10
 """Length of the training and of the test part in Lyapunov times, as in NeuroBench."""
 TUNING, APART = 3, 24
-"""Number of further series of the same tau for the choice of settings, and the Lyapunov time at which they begin."""
+"""Number of additional series of the same tau for the choice of settings, and the Lyapunov time at which they begin."""
 POINTS_OF_ALL = (APART + TRAIN * TUNING + TEST) * POINTS
-"""Number of points of a computed series."""
+"""Number of points of a computed series: for the folds, then for the choice of settings."""
 REPEATS = 5
-"""Number of series for each tau, which begin half a Lyapunov time apart as in NeuroBench (there 30)."""
+"""Number of series for each tau, which begin half a Lyapunov time apart. NeuroBench has 30 such series."""
 SUBSTEPS = 20
 """Number of integration steps in a unit of time."""
 
@@ -89,7 +89,7 @@ class MackeyGlass(Task):
 
 @cache
 def solution(tau: int, points: int, substeps: int = SUBSTEPS) -> Series:
-    """Integrate x' = 0.2 x(t - tau) / (1 + x(t - tau)^10) - 0.1 x from t = 0; return 75 points in a Lyapunov time.
+    """Integrate x' = 0.2 x(t - tau) / (1 + x(t - tau)^10) - 0.1 x from t = 0.
 
     The method is Runge-Kutta of fourth order with a step that divides the delay. Delayed values between two steps, and
     the returned points, are read from the cubic Hermite interpolant, so the error falls with the fourth power of the
@@ -99,6 +99,9 @@ def solution(tau: int, points: int, substeps: int = SUBSTEPS) -> Series:
         tau: the delay, a key of `PARAMETERS`.
         points: number of points.
         substeps: number of integration steps in a unit of time.
+
+    Returns:
+        x at equal intervals from t = 0, `POINTS` of them in a Lyapunov time, shape (points,).
     """
     lyapunov, past = PARAMETERS[tau]
     h, lag = 1.0 / substeps, tau * substeps
@@ -106,26 +109,26 @@ def solution(tau: int, points: int, substeps: int = SUBSTEPS) -> Series:
     x, slope = np.empty(steps + 1), np.empty(steps + 1)
     x[0] = past
 
-    def delayed(k: int) -> tuple[float, float, float]:
+    def delayed_values(k: int) -> tuple[float, float, float]:
         """Return the delayed value at the beginning, middle and end of step k."""
         a = k - lag
         if a < 0:
             return past, past, past
         return x[a], (x[a] + x[a + 1]) / 2.0 + h * (slope[a] - slope[a + 1]) / 8.0, x[a + 1]
 
-    def rate(value: float, before: float) -> float:
-        return float(0.2 * before / (1.0 + before**10) - 0.1 * value)
+    def rate(value: float, delayed: float) -> float:
+        return float(0.2 * delayed / (1.0 + delayed**10) - 0.1 * value)
 
     for k in range(steps):
-        first, middle, last = delayed(k)
+        first, middle, last = delayed_values(k)
         slope[k] = k1 = rate(x[k], first)
         k2 = rate(x[k] + h / 2.0 * k1, middle)
         k3 = rate(x[k] + h / 2.0 * k2, middle)
         k4 = rate(x[k] + h * k3, last)
         x[k + 1] = x[k] + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    at = np.arange(points) * lyapunov / POINTS * substeps
-    n = at.astype(np.int64)
-    s = at - n
+    positions = np.arange(points) * lyapunov / POINTS * substeps  # in steps
+    n = positions.astype(np.int64)
+    s = positions - n
     slope[steps] = rate(x[steps], x[steps - lag])
     a, b, c, d = x[n], x[n + 1], h * slope[n], h * slope[n + 1]
     values: Series = a * (1 + 2 * s) * (1 - s) ** 2 + b * s**2 * (3 - 2 * s) + c * s * (1 - s) ** 2 - d * s**2 * (1 - s)

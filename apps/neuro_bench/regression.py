@@ -24,15 +24,15 @@ AT_ONCE = 10_000
 PRICED_STEPS = 1_000
 """Number of steps over which costs are averaged."""
 SILENT = 100.0
-"""Threshold of the readout neurons in standard deviations of the target, too high to be reached."""
+"""Threshold of the readout neurons in standard deviations of the target, so high that they never fire."""
 FORGOTTEN = 5.0
-"""Time in time constants after which the initial state has no effect."""
+"""Time after which the initial state has no effect, in time constants."""
 
 
 class Windows:
-    """Spike counts in the consecutive windows before each step.
+    """Spike counts in consecutive windows, the last of which ends with each step.
 
-    Example: with width 5 and 10 lags, a step has the counts of the last 5 steps, of the 5 steps before, and so on.
+    Example: with width 5 and 10 lags, step 99 has the counts of the steps 95 to 99, 90 to 94, and so on to 50 to 54.
 
     Args:
         recording: the spikes.
@@ -44,14 +44,14 @@ class Windows:
         channels = recording.spikes.shape[1]
         sums = np.cumsum(recording.spikes, axis=0, dtype=np.int32)
         self._sums, self.size = np.concatenate((np.zeros((1, channels), np.int32), sums)), lags * channels
-        self._back = width * np.arange(lags + 1)
+        self._steps_back = width * np.arange(lags + 1)  # to the borders of the windows
 
     def __len__(self) -> int:
         return len(self._sums) - 1
 
     def at(self, steps: Any) -> Floats:
         """Return the counts at the given steps, shape (steps, lags x channels)."""
-        ends = np.maximum(steps[:, None] + 1 - self._back, 0)
+        ends = np.maximum(steps[:, None] + 1 - self._steps_back, 0)
         return np.asarray(-np.diff(self._sums[ends], axis=1).reshape(len(steps), self.size), np.float32)
 
     def parts(self) -> Any:
@@ -95,9 +95,9 @@ class _Linear:
         return np.concatenate([counts @ self._weights[:-1] + self._weights[-1] for counts in self._parts(data)])
 
     def costs(self, data: Recording) -> Costs:
-        """Count the products of counts that are not 0; like NeuroBench, ignore the operations for the counts."""
-        used, size = (self._weights[:-1] != 0).sum(axis=1), self._weights[:-1].size
-        macs = sum(float(((counts != 0) * used).sum()) for counts in self._parts(data)) / len(data)
+        """Count the products of counts other than 0. As in NeuroBench, counting the spikes costs nothing."""
+        products, size = (self._weights[:-1] != 0).sum(axis=1), self._weights[:-1].size  # products of each count
+        macs = sum(float(((counts != 0) * products).sum()) for counts in self._parts(data)) / len(data)
         return product_costs(self._weights.size, 4 * self._weights.size, macs, float(size))
 
 
@@ -165,7 +165,7 @@ def _mean_and_std(train: Recording) -> tuple[Floats, Floats]:
 
 
 class LIFReadout(Method):
-    """Spiking network with a hidden layer of LIF neurons; potentials of non-firing leaky neurons are the outputs."""
+    """Spiking network with a hidden layer of LIF neurons. The outputs are potentials of neurons that never fire."""
 
     kind = "regression"
     called_by = "lif-readout"
@@ -185,7 +185,7 @@ class LIFReadout(Method):
     }
 
     def network(self, train: Recording, settings: Mapping[str, Any]) -> neuro.Network:
-        """Build the untrained network; the initial weights let potentials vary by about one threshold."""
+        """Build the untrained network. With its initial weights, hidden potentials vary by about one threshold."""
         h, channels = train.step, train.spikes.shape[1]
         net = neuro.Network(self.called_by, resolution=h)
         cell: Any = {"t_ref": 0.0, "E_L": 0.0, "V_reset": 0.0}
@@ -208,20 +208,24 @@ class LIFReadout(Method):
         from neuro_train.plan import TrainingPlan
         from neuro_train.trainer import learn
 
-        first_row = int(FORGOTTEN * max(settings["tau"], settings["tau_out"]) / train.step)
+        warm_up = int(FORGOTTEN * max(settings["tau"], settings["tau_out"]) / train.step)
         mean, std = _mean_and_std(train)
         standardised = Recording(train.spikes, (train.targets - mean) / std, train.step)
         options: Any = {name: settings[name] for name in ("epochs", "rate", "decay", "slope", "batch")}
-        duration = (first_row + settings["steps"]) * train.step
+        duration = (warm_up + settings["steps"]) * train.step
         plan = TrainingPlan(input=INPUT, output=OUTPUT, loss="mse", duration=duration, seed=seed, **options)
-        trained = learn(self.network(train, settings), stretches(standardised, settings["steps"], first_row), plan)
+        trained = learn(self.network(train, settings), stretches(standardised, settings["steps"], warm_up), plan)
         return _Readout(trained.net, seed, mean, std)
 
 
 def stretches(recording: Recording, steps: int, before: int) -> Any:
-    """Cut a recording into training examples of `steps` steps, each after `before` steps without targets.
+    """Cut a recording into training examples.
 
-    The steps without targets let the network forget its initial state. Their targets are NaN.
+    Args:
+        recording: spikes and targets.
+        steps: number of steps with targets in an example.
+        before: number of earlier steps at the beginning of an example, in which the network forgets its initial state.
+            Their targets are NaN.
     """
     from neuro_torch import Events
     from neuro_train.data import BatchData
@@ -256,5 +260,5 @@ class _Readout:
         """Return NeuroBench's counts and the bills of chips, averaged over the first steps."""
         n = min(PRICED_STEPS, len(data))
         sim = self._run(CHIP, data.take(slice(n)))
-        scaled = on_numbers(len(self._mean), 3 * len(self._mean))  # a product with a sum for each value
-        return spiking_costs(sim, sim.taken(), n, host=[HostWork("scale of the potentials", scaled, "step", times=n)])
+        scaling = on_numbers(len(self._mean), 3 * len(self._mean))  # a product with a sum for each value
+        return spiking_costs(sim, sim.taken(), n, host=[HostWork("scale of the potentials", scaling, "step", times=n)])

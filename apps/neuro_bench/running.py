@@ -1,4 +1,4 @@
-"""Running a method on the folds of a task: settings are chosen on the validation part and tested once."""
+"""Runs of a method on the folds of a task. Settings are chosen on the validation part and tested once."""
 
 from __future__ import annotations
 
@@ -27,7 +27,16 @@ from neuro_bench.task import Fold, Method, Task, tries
 def _registry(
     base: type[Any], kind: str, parts: tuple[type[Any], ...], group: str, method: str, attributes: tuple[str, ...]
 ) -> Registry[Any]:
-    """Return a registry of subclasses that refuses a class without one of the class attributes or the method."""
+    """Return a registry of subclasses. It refuses a class that lacks the method or one of the class attributes.
+
+    Args:
+        base: base class of the parts.
+        kind: name of a part, for messages.
+        parts: the classes of this package.
+        group: entry points of other packages.
+        method: name of the method that each class must define.
+        attributes: names of the class attributes that each class must define.
+    """
 
     def complete(part: Any) -> Any:
         for attribute in attributes:
@@ -51,7 +60,7 @@ TASKS: Registry[type[Task]] = _registry(
     "folds",
     ("called_by", "title", "licence", "source"),
 )
-"""The tasks by name; a package registers its own by the entry points `neuro.bench_tasks`."""
+"""The tasks by name. Other packages register tasks by the entry points `neuro.bench_tasks`."""
 
 METHODS: Registry[type[Method]] = _registry(
     Method,
@@ -64,7 +73,7 @@ METHODS: Registry[type[Method]] = _registry(
     "fit",
     ("called_by", "title"),
 )
-"""The methods by name; a package registers its own by the entry points `neuro.bench_methods`."""
+"""The methods by name. Other packages register methods by the entry points `neuro.bench_methods`."""
 
 
 FORMAT = "neuro bench 1"
@@ -79,7 +88,7 @@ class Request:
         task: name of a task in `TASKS`.
         method: name of a method in `METHODS`.
         data: path of the data; None if the task computes its data.
-        split: split of the task; None for its first.
+        split: name of a split of the task; None for the first split.
         tries: number of settings tried in each fold, with the first seed.
         seeds: seeds of the method, each for all folds.
         folds: number of folds, from the first; None for all.
@@ -109,16 +118,16 @@ class Request:
                 raise unknown(role, name, registry)
         kind, method = TASKS[self.task], METHODS[self.method]()
         if kind.kind != method.kind:
-            suits = ", ".join(name for name in METHODS if METHODS[name].kind == kind.kind)
+            alternatives = ", ".join(name for name in METHODS if METHODS[name].kind == kind.kind)
             message = f"method '{self.method}' is for {method.kind}, task '{self.task}' is of {kind.kind}"
-            raise ModelError(f"{message}: expected one of {suits}")
+            raise ModelError(f"{message}: expected one of {alternatives}")
         for name, value in (self.changes or {}).items():
             if name not in method.settings:
                 raise unknown("setting", name, method.settings)
             default = method.settings[name]
             if isinstance(default, (bool, int, float, str)):
-                like = setting(default, infinite=True).metadata["quantity"]
-                check(like, value, f"method '{self.method}': {name}")
+                quantity = setting(default, infinite=True).metadata["quantity"]
+                check(quantity, value, f"method '{self.method}': {name}")
         return kind(self.data, self.split, self.split_seed), method
 
 
@@ -162,8 +171,8 @@ def run(
         if len(results) >= len(folds):  # a further seed: use the settings that the first seed chose for this fold
             settings = results[k]["settings"]
         else:  # the first seed: folds with the same validation series share their settings
-            runs = (j for j in range(len(results)) if task.kind == "series" and folds[j].validation is fold.validation)
-            settings = next((results[j]["settings"] for j in runs), None)
+            same = (j for j in range(len(results)) if task.kind == "series" and folds[j].validation is fold.validation)
+            settings = next((results[j]["settings"] for j in same), None)
         candidates = tries(method, options["changes"], request.tries, seed) if settings is None else [settings]
         results.append(_run_fold(task, method, fold, candidates, seed))
         if file is not None:
@@ -197,10 +206,10 @@ def _run_fold(
 ) -> dict[str, Any]:
     """Choose the best settings by the score on the validation part, train with them, and test."""
     start_s = time.process_time()
-    validated: list[dict[str, Any]] = []
+    try_results: list[dict[str, Any]] = []
 
     def question(part: Any) -> Any:
-        """Return the argument of `predict`: of a series the number of values, of other parts the inputs."""
+        """Return the argument of `predict` for a part: the number of values of a series, else the part itself."""
         return len(part) if task.kind == "series" else part
 
     parts = [(fold.train, fold.validation)]
@@ -212,9 +221,9 @@ def _run_fold(
             for train, validation in parts:
                 predicted = method.fit(train, settings, seed).predict(question(validation))
                 scores.append(task.score(predicted, validation))
-            validated.append({"settings": settings, "validation": float(np.mean(scores))})
+            try_results.append({"settings": settings, "validation": float(np.mean(scores))})
         sign = 1.0 if task.higher else -1.0
-        best_try: dict[str, Any] = max(validated, key=lambda one: sign * float(one["validation"]))["settings"]
+        best_try: dict[str, Any] = max(try_results, key=lambda result: sign * float(result["validation"]))["settings"]
     else:
         best_try = candidates[0]
     model = method.fit(fold.both, best_try, seed)
@@ -227,7 +236,7 @@ def _run_fold(
         "score": task.score(predicted, fold.test),
         "n": len(fold.test),
         "settings": best_try,
-        "tries": validated,
+        "tries": try_results,
         "costs": model.costs(question(fold.test)).as_words(),
         "ms_an_example": 1000.0 * test_s / len(fold.test),
         "cpu_s": time.process_time() - start_s,
@@ -235,7 +244,7 @@ def _run_fold(
 
 
 def interval(scores: Sequence[float]) -> tuple[float, float, float]:
-    """Return the mean score and its 95 % confidence interval by Student's t; the interval of one score is NaN."""
+    """Return the mean score, and low and high end of its 95 % confidence interval by Student's t; NaN for one score."""
     from scipy.stats import t
 
     mean, n = float(np.mean(scores)), len(scores)
@@ -246,7 +255,7 @@ def interval(scores: Sequence[float]) -> tuple[float, float, float]:
 
 
 def _mean_costs(costs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Average the costs of the folds; a chip that refuses one fold has no mean, and None stays None."""
+    """Average the costs of the folds. A chip that refuses a fold has no mean, and a cost unknown in a fold is None."""
     means: dict[str, Any] = {}
     for name in costs[0]:
         values = [cost[name] for cost in costs]

@@ -1,15 +1,17 @@
 """Methods for series: spiking populations, the same functions without spikes, an echo state network, and the mean.
 
 The spiking populations encode a value as a current into all neurons of a population. The neurons have different
-offsets, so each fires above a threshold value of its own, and fires earlier the further the value is above. The set of
-spikes and their times distinguish as many values as there are neurons times steps (time to first spike: Thorpe, Delorme
-and Van Rullen, Neural Networks 14:715, 2001). A neuron that has fired stays silent until spikes of a clock reset all
-neurons before the next value. The spikes therefore depend on the present value only.
+offsets, so each neuron has its own threshold value. It fires if the value is above the threshold value, and it fires
+earlier if the value is further above. The spikes and their times distinguish as many values as there are neurons times
+steps (time to first spike: Thorpe, Delorme and Van Rullen, Neural Networks 14:715, 2001). A neuron that has fired stays
+silent until spikes of a clock reset all neurons before the next value. The spikes therefore depend on the present value
+only.
 
-A spike counts with the number of steps after it, like a synaptic current that flows until the reset. The output of a
+A spike is weighted by the number of steps after it, like a synaptic current that flows until the reset. The output of a
 neuron is thus a staircase function of the value. Sums of such staircases approximate smooth functions. Ridge regression
-predicts the next value from such functions of the last values (as in Eliasmith and Anderson, Neural Engineering, MIT
-Press 2003). Both steps are linear, so the readout has one weight for each neuron and delay, added at each spike.
+predicts the next value from the smooth functions of the last values (as in Eliasmith and Anderson, Neural Engineering,
+MIT Press 2003). The sums and the regression are linear, so the readout has one weight for each neuron and delay, which
+is added at each spike.
 """
 
 from __future__ import annotations
@@ -35,7 +37,7 @@ STEPS = EMPTYING + SHOWN
 TAU = 4.0
 """Membrane time constant in ms; a step is 1 ms."""
 DEEP = 1e4
-"""Depth of the reset below 0, in thresholds, from which a neuron cannot fire again before the clock's reset."""
+"""Depth of a neuron's reset below 0, in thresholds, so that it cannot fire again before the clock resets it to 0."""
 MARGIN = 1.15
 """Range of predicted values relative to the range of the training values."""
 PRICED_VALUES = 75
@@ -67,12 +69,22 @@ class PopulationCode(Method):
 
 
 class _Cells:
-    """Populations that encode values from -1 to 1, one for each member; they depend on the seed, not on the series."""
+    """Populations that encode values from -1 to 1, one for each member. The series does not change them.
+
+    Args:
+        count: number of neurons of a population.
+        members: number of populations.
+        seed: seed of the threshold values.
+
+    Attributes:
+        at: threshold values, shape (members, neurons).
+        sim: the simulation of all populations.
+    """
 
     def __init__(self, count: int, members: int, seed: int) -> None:
         cell: Any = {"tau_m": TAU, "C_m": TAU, "t_ref": 0.0, "E_L": 0.0, "V_th": 1.0, "V_reset": -DEEP, "V_min": -DEEP}
         shifts = [np.random.default_rng((seed, k, 5)).random() for k in range(members)]
-        self.at = 2.0 * (np.arange(count) + np.array(shifts)[:, None]) / count - 1.0  # threshold value of each neuron
+        self.at = 2.0 * (np.arange(count) + np.array(shifts)[:, None]) / count - 1.0
         self._seed, gain, size = seed, _gain(count), members * count
         emptying = np.array([[-2.0 * DEEP], [DEEP * math.exp(-1.0 / TAU)]])  # first all to V_min, then all to 0
         net = neuro.Network("population-code", resolution=1.0)
@@ -86,12 +98,12 @@ class _Cells:
         self._stepper = self.sim.stepper(1.0, ["clock"], ["cells"])
 
     def remaining_shares(self, values: Floats) -> Floats:
-        """Return the share of the steps from each neuron's spike on, shape (members, neurons); 0 without a spike.
+        """Return the share of the steps that remain at each neuron's spike, shape (members, neurons).
 
-        A spike in the last of 16 steps gives 1/16, in the first step 1.
+        A spike in the first of 16 steps gives 1, in the last step 1/16. A neuron without a spike has 0.
 
         Args:
-            values: value of each member.
+            values: value of each member, shape (members,).
         """
         self._amplitude.set(np.repeat(values, self.at.shape[1]))
         for step in range(EMPTYING):
@@ -105,12 +117,12 @@ class _Cells:
     def decoders(self, functions: int, steep: float) -> list[Floats]:
         """Return for each member the weights (neurons, functions) that turn remaining shares into smooth functions.
 
-        The functions are hyperbolic tangents, up to a constant and blurred by the width of a staircase. The weight of a
-        neuron is the change of the function between the midpoints to its two neighbours.
+        The functions are those of `tangents`, up to a constant and blurred by the width of a staircase. The weight of a
+        neuron is the change of the function from the midpoint before its threshold value to the midpoint after it.
         """
         weights = []
-        for k, time in enumerate(self.at):
-            middles = np.concatenate(([-1.0], (time[1:] + time[:-1]) / 2.0, [1.0]))
+        for k, thresholds in enumerate(self.at):
+            middles = np.concatenate(([-1.0], (thresholds[1:] + thresholds[:-1]) / 2.0, [1.0]))
             weights.append(np.diff(tangents(functions, steep, (self._seed, k))(middles), axis=0))
         return weights
 
@@ -131,8 +143,12 @@ def tangents(functions: int, steep: float, stream: tuple[int, int]) -> Callable[
 def _gain(count: int) -> float:
     """Return the current per value for which the edges of all neurons' staircases are spaced most evenly.
 
-    A neuron fires in a given step if the value exceeds its threshold value by LEAST / gain. Modulo the distance of two
-    neurons, these are the values at which the spikes change. The error grows with the sum of the cubes of their gaps.
+    A neuron fires in or before step k if the value exceeds its threshold value by (LEAST[k] - LEAST[-1]) / gain. The
+    spikes change at these edges. Modulo the distance of two threshold values, all neurons have the same edges, which
+    are LEAST / gain up to a common shift. The error grows with the sum of the cubes of the gaps between the edges.
+
+    Args:
+        count: number of neurons.
     """
     gains, distance = np.linspace(5.0, 20.0, 4001), 2.0 / count
     edges = np.sort(np.mod(LEAST / gains[:, None], distance), axis=1)
@@ -145,8 +161,13 @@ _cells = lru_cache(maxsize=4)(_Cells)
 
 @lru_cache(maxsize=4)
 def _shares_of_values(cells: _Cells, values: bytes) -> Floats:
-    """Return the remaining shares for each value of a series, shape (members, values, neurons)."""
-    return np.stack([cells.remaining_shares(np.full(len(cells.at), age)) for age in np.frombuffer(values)], axis=1)
+    """Return the remaining shares for each value of a series, shape (members, values, neurons).
+
+    Args:
+        cells: the populations.
+        values: bytes of the values in float64, which the cache can compare.
+    """
+    return np.stack([cells.remaining_shares(np.full(len(cells.at), value)) for value in np.frombuffer(values)], axis=1)
 
 
 class _Coded:
@@ -166,7 +187,7 @@ class _Coded:
             self._sums = self._add_value(self._sums, shares[:, k])
 
     def _add_value(self, sums: Floats, shares: Floats) -> Floats:
-        """Drop the sum of the present prediction and add a value's spikes to the sums of the next ones.
+        """Drop the sum of the present prediction, and add a value's spikes to the sums of the next predictions.
 
         Args:
             sums: sums of the next predictions, shape (members, delays).
@@ -176,7 +197,7 @@ class _Coded:
         return np.concatenate((sums[:, 1:], self._offsets), axis=1) + contributions
 
     def predict(self, data: int) -> Series:
-        """Return the next values; each member predicts a value from its spikes for its previous predictions."""
+        """Return the next values. Each member encodes its own predictions as spikes to predict the following values."""
         sums, predictions = self._sums, np.empty((data, len(self._offsets)))
         for k in range(data):
             predictions[k] = np.clip(sums[:, 0], -1.0, 1.0)
@@ -184,7 +205,7 @@ class _Coded:
         return np.asarray(self._middle + self._scale * predictions.mean(axis=1))
 
     def costs(self, data: int) -> Costs:
-        """Return the bills of chips for the neurons and the readout's sums, averaged over the first predictions."""
+        """Return the costs of the neurons and of the readout's sums, averaged over the first predictions."""
         sim, n = self._cells.sim, min(data, PRICED_VALUES)
         sim.reset()
         self.predict(n)
@@ -192,7 +213,7 @@ class _Coded:
         members, delays, cells = self._weights.shape
         spikes = counts.counts.populations["cells"].spikes / n
         readout = delays * (spikes + members * SHOWN)  # sums of the spikes' weights, and of the currents in each step
-        # Two limits of each prediction, their sum, and a product with a sum for the scale.
+        # Each member's prediction has two limits and a sum. Their mean has a product with a sum, for the scale.
         work = on_numbers(readout + 3 * members + 1, 2 * readout + 2 * members + 3)
         host = [HostWork("readout", work, "value", times=n)]
         costs: Any = spiking_costs(sim, counts, n, steps=STEPS, clock=False, host=host)
@@ -208,7 +229,11 @@ class _Coded:
 
 
 def scaled(train: Series) -> tuple[Series, float, float]:
-    """Scale a series to [-1, 1] with a margin; return it with the middle and the scale: series = middle + scale x."""
+    """Scale a series to [-1, 1] with a margin.
+
+    Returns:
+        the scaled series x, the middle and the scale, with series = middle + scale x.
+    """
     low, high = float(train.min()), float(train.max())
     middle, scale = (low + high) / 2.0, MARGIN * (high - low) / 2.0
     return (train - middle) / scale, middle, scale
@@ -221,31 +246,31 @@ def ridge(features: Floats, series: Series, delays: int, strength: float) -> tup
         features: features of each value, shape (values, features).
         series: the values.
         delays: number of last values.
-        strength: penalty, relative to the number of observations times weights.
+        strength: penalty, divided by the number of observations and by the number of weights.
 
     Returns:
-        weights, shape (delays, features), the last value first, and the offset.
+        weights, shape (delays, features), with the weights of the last value first, and the offset.
     """
     rows = np.arange(delays - 1, len(series) - 1)
     x = np.stack([features[rows - j] for j in range(delays)], axis=1).reshape(len(rows), -1)
     x_mean, x_std = x.mean(axis=0), x.std(axis=0) + 1e-9
     y_mean = float(series[rows + 1].mean())
     z, y = (x - x_mean) / x_std, series[rows + 1] - y_mean
-    wide = z.shape[1] > len(rows)  # the dual form solves the smaller system
-    gram = z @ z.T if wide else z.T @ z
+    is_wide = z.shape[1] > len(rows)  # then the dual form solves the smaller system
+    gram = z @ z.T if is_wide else z.T @ z
     gram += strength * z.size * np.eye(len(gram))
-    weights = (z.T @ np.linalg.solve(gram, y) if wide else np.linalg.solve(gram, z.T @ y)) / x_std
+    weights = (z.T @ np.linalg.solve(gram, y) if is_wide else np.linalg.solve(gram, z.T @ y)) / x_std
     return weights.reshape(delays, -1), y_mean - float(x_mean @ weights)
 
 
 WARM_UP = 45
 """Number of values before the fit of the readout: 0.6 Lyapunov times, as in NeuroBench."""
 REACH = 3.0
-"""Bound of predictions, in standard deviations of the series from its mean."""
+"""Largest distance of a prediction from the mean of the series, in standard deviations."""
 
 
 class Members:
-    """Models of one series that predict independently; the prediction is the mean of theirs.
+    """Models of one series that predict independently. The common prediction is the mean of their predictions.
 
     Args:
         models: one or more models.
@@ -311,8 +336,8 @@ class _Reservoir:
         self._state, self._value = state, float(series[-1])
 
     def _next(self, state: Any, value: float) -> Any:
-        driven = np.tanh(self._recurrent @ state + self._input[:, 0] + self._input[:, 1] * value)
-        return (1.0 - self._leak) * state + self._leak * driven
+        activation = np.tanh(self._recurrent @ state + self._input[:, 0] + self._input[:, 1] * value)
+        return (1.0 - self._leak) * state + self._leak * activation
 
     def predict(self, data: int) -> Series:
         """Return the next values, each computed from the previous prediction."""
@@ -362,7 +387,7 @@ class _Tangents:
         return self._middle + self._scale * predictions
 
     def costs(self, data: int) -> Costs:
-        """Count the products of the readout and of the functions' slopes for a value; tanh itself is not counted."""
+        """Count the products for a value: those of the readout and of the functions' slopes, without tanh itself."""
         macs = float(self._weights.size + self._weights.shape[1])
         size = self._weights.size
         return product_costs(size, 8 * (size + 2 * self._weights.shape[1] + 1), macs, macs)

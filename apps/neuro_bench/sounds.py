@@ -35,9 +35,9 @@ BANDS, HOP, WINDOW, POOLED = 32, 12.5, 32.0, 2
 RANGE, ONSET, BEFORE = 50.0, 30.0, 3
 """Range of levels in dB; onset of speech in dB below the loudest level; number of levels kept before the onset."""
 THRESHOLDS = (0.3, 0.45, 0.6, 0.8)
-"""Levels at whose crossing a band spikes."""
+"""Levels; a band spikes when it crosses one of them."""
 VOICE, TEMPO, COLOUR, NOISE = 0.2, 0.25, 5.0, (-80.0, -35.0)
-"""Augmentation: largest relative change of pitch and of tempo; standard deviation of the room's frequency response in
+"""Augmentation: largest relative change of pitch, and of tempo; standard deviation of the room's frequency response in
 dB; range of white noise in dB relative to the largest sample."""
 
 
@@ -83,7 +83,11 @@ class Sounds(Task):
             raise ModelError(f"{self.data}: has no wav files: expected recordings of each class", hint=self.source)
 
     def examples(self, sounds: Sequence[Sound]) -> Examples:
-        """Return all versions of recordings as examples. Each recording is (class, sampling rate, samples)."""
+        """Return all versions of recordings as examples.
+
+        Args:
+            sounds: class, sampling rate in Hz and samples of each recording.
+        """
         rng = np.random.default_rng((self.seed, 4))
         classes = tuple(sorted({label for label, _, _ in sounds}))
         labels = np.array([classes.index(label) for label, _, _ in sounds] * self.versions)
@@ -102,7 +106,8 @@ def loudness(rate: float, sound: Series, steps: int, rng: np.random.Generator | 
         rate: sampling rate, Hz.
         sound: samples.
         steps: number of levels.
-        rng: random generator of the version's pitch, tempo, frequency response and noise; None for the original.
+        rng: random generator of the pitch, tempo, frequency response and noise of an augmented version; None for the
+            original.
     """
     if rng is not None:
         pitch = _random_factor(rng, VOICE)
@@ -134,10 +139,13 @@ def _random_factor(rng: np.random.Generator, share: float) -> float:
 
 
 def spikes_of(levels: Floats) -> Spikes:
-    """Return a spike for each threshold crossing, on two sheets for down and up, with a row for each threshold.
+    """Return a spike for each threshold crossing.
+
+    The first sheet has the downward crossings, the second sheet the upward crossings. A row is a threshold, a column is
+    a band.
 
     Args:
-        levels: shape (examples, steps, bands); a band is a column of the sheets.
+        levels: levels in [0, 1], shape (examples, steps, bands).
     """
     spikes = [crossings(level, THRESHOLDS).reshape(len(level), -1).nonzero() for level in levels]
     step, neuron = np.concatenate(spikes, axis=1)
@@ -192,7 +200,7 @@ class SpokenDigits(Sounds):
     splits = ("random", "speakers")
 
     def folds(self) -> Sequence[Fold]:
-        """Return five random folds, or one fold per speaker. The speaker of a fold is only in its test part.
+        """Return five random folds, or one fold per speaker, in which only the test part has this speaker.
 
         Raises:
             ModelError: a file is damaged or its name has no class, or there are too few files.
@@ -209,7 +217,9 @@ class SpokenDigits(Sounds):
 
 
 LISTS = ("validation_list.txt", "testing_list.txt")
+"""Files with the official validation and test part."""
 BACKGROUND = "_background_noise_"
+"""Folder of recordings that are no words."""
 
 
 class SpeechCommands(Sounds):

@@ -2,12 +2,12 @@
 
 The convolutional network is trained on spike counts, and its conversion runs on integrate-and-fire neurons. A layer
 integrates its whole input before it fires. A spike of a clock first pulls its neurons far below the threshold; another
-spike releases them when the previous layer has finished. Each neuron then fires as often as its potential exceeds the
-threshold, which is the rectified sum in whole numbers. Without the clock a neuron may fire before its inhibition
-arrives, and the spike cannot be undone; this is the loss of accuracy of converted networks (Rueckauer et al., Front.
-Neurosci. 11:682, 2017). Weights are scaled so that nearly all activations are at most the number of spikes that a layer
-may fire (Diehl et al., IJCNN 2015). Batch normalisation becomes weights and biases, and spikes of the clock add the
-bias.
+spike releases them when the previous layer has finished. Each neuron then fires until its potential is below the
+threshold, so its number of spikes is the rectified sum, rounded to a whole number. Without the clock, a neuron may fire
+before its inhibition arrives, and this spike cannot be undone; such spikes cost converted networks their accuracy
+(Rueckauer et al., Front. Neurosci. 11:682, 2017). Weights are scaled so that nearly all activations are at most the
+number of spikes that a layer may fire (Diehl et al., IJCNN 2015). Batch normalisation becomes weights and biases, and
+spikes of the clock add the biases.
 """
 
 from __future__ import annotations
@@ -43,6 +43,10 @@ class Spiking(Method):
 
     With several versions of the recordings, the number of epochs is divided by the number of versions, so that each
     recording is used equally often.
+
+    Class attributes:
+        back: True connects the hidden layer to itself.
+        delayed: True trains the delays from the input to the hidden layer.
     """
 
     spiking = True
@@ -64,7 +68,7 @@ class Spiking(Method):
     }
 
     def network(self, train: Examples, settings: Mapping[str, Any], seed: int) -> neuro.Network:
-        """Build the untrained network; the initial weights depend on the number of input spikes per step."""
+        """Build the untrained network. The more input spikes a step has, the smaller are the initial weights."""
         spikes, h = train.spikes, train.spikes.step
         cell = neuro.iaf_psc_delta(tau_m=settings["tau"], t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0)
         net = neuro.Network(self.called_by, resolution=h)
@@ -77,8 +81,8 @@ class Spiking(Method):
             weight = neuro.normal(mean=0.0, std=std)
             net.connect(source, target, neuro.all_to_all(), weight=weight, delay=delay, name=name)
 
-        span = neuro.uniform(low=h, high=10.0 * h) if self.delayed else h
-        connect("in_hidden", INPUT, "hidden", 0.8 / spikes_per_step**0.5, span)
+        input_delay = neuro.uniform(low=h, high=10.0 * h) if self.delayed else h
+        connect("in_hidden", INPUT, "hidden", 0.8 / spikes_per_step**0.5, input_delay)
         if self.back:
             connect("hidden_hidden", "hidden", "hidden", settings["back"] / settings["hidden"] ** 0.5)
         connect("hidden_out", "hidden", OUTPUT, 0.1)
@@ -115,13 +119,13 @@ def batch_data(data: Examples) -> Any:
 
 
 class _Trained:
-    """A trained network, which predicts by its torch module (backend "torch") or by a simulation on a backend."""
+    """A trained network. It predicts by its torch module (backend "torch") or by a simulation on another backend."""
 
     def __init__(self, trained: Any, plan: Any, backend: str) -> None:
         self.net, self._module, self._plan, self._backend = trained.net, trained.module, plan, backend
 
     def predict(self, data: Examples) -> Any:
-        """Return the class of each example, or -1 without an output spike."""
+        """Return the class of each example; -1 if no output neuron spikes."""
         from neuro_train.tested import by_module, on_backend
 
         batch = batch_data(data)
@@ -144,8 +148,8 @@ class _Trained:
 class Recurrent(Spiking):
     """Network with a recurrent hidden layer.
 
-    The surrogate derivative is narrow (a large `slope`). A wide one is far from 0 also for neurons far from a spike,
-    and recurrent synapses multiply this error in each step until the gradient is useless.
+    The surrogate derivative is narrow (a large `slope`). A wide derivative is far from 0 even for neurons that are far
+    from a spike, and recurrent synapses multiply this error in each step until the gradient is useless.
     """
 
     called_by = "recurrent"
@@ -172,11 +176,12 @@ class Delays(Spiking):
 
 
 HELD = 8.0
-"""Inhibition that holds a layer, in multiples of its levels; with a larger one, a chip's weights have fewer bits."""
+"""Inhibition that holds a layer, in multiples of its levels. With a larger value, the other weights
+would have fewer bits on a chip."""
 Layer = tuple[Floats, Floats]
 """Weights, shape (to, from, ...), and a bias for each map, shape (to,)."""
 COMMON = 0.99
-"""Quantile of the positive activations of a layer that is scaled to its largest number of spikes."""
+"""The scale of a layer maps this quantile of its positive activations to the largest number of spikes."""
 
 
 class Converted(Method):
@@ -230,7 +235,7 @@ def spike_counts(spikes: Spikes, examples: int) -> Floats:
 def scaled(module: Any, frames: Floats, levels: int) -> list[Layer]:
     """Scale weights and biases of a module so that nearly all activations of its hidden layers are at most `levels`.
 
-    The outputs of the last layer are those of the module.
+    The last layer is scaled so that its outputs equal the outputs of the module.
 
     Args:
         module: a sequence of layers.
@@ -254,15 +259,22 @@ def scaled(module: Any, frames: Floats, levels: int) -> list[Layer]:
 
 
 class _Converted:
-    """Converted networks with common input and output neurons; an output potential is the sum over the members."""
+    """Converted networks with common input and output neurons. An output potential is the sum over the members.
+
+    Args:
+        members: layers of each network.
+        like: spikes whose shape and steps the input has.
+        levels: largest number of spikes of a neuron.
+        backend: backend of the simulation.
+    """
 
     def __init__(self, members: list[list[Layer]], like: Spikes, levels: int, backend: str = "event") -> None:
         if like.step < 1.0:
             raise ModelError(f"method 'converted-cnn': steps of {like.step} ms: expected 1 ms or more")
         parameters: Any = {"tau_m": float("inf"), "t_ref": 0.0, "E_L": 0.0, "V_reset": 0.0}
         cell = neuro.iaf_psc_delta(V_th=1.0, reset_by_subtraction=True, **parameters)
-        layers, first = len(members[0]) - 1, math.ceil(like.steps * like.step) + 3
-        release_times = [float(first + k * (levels + 2)) for k in range(layers)]
+        layers, first_release = len(members[0]) - 1, math.ceil(like.steps * like.step) + 3
+        release_times = [float(first_release + k * (levels + 2)) for k in range(layers)]
         net = neuro.Network("converted-cnn", resolution=1.0)
         net.population(INPUT, like.shape, neuro.spike_generator())
         times = [[1.0], [2.0], *([time - 1.0, time] for time in release_times)]
@@ -279,8 +291,8 @@ class _Converted:
                 rule = neuro.grid(kernel=(size, size), stride=2, padding=size // 2)
                 net.connect(source, name, rule, weight=weight.astype(np.float64), delay=1.0)
                 # An additional half threshold rounds to the nearest whole number of spikes. The largest weight of a
-                # chip nearly fills the register of a step's input. The inhibition therefore arrives in a step of its
-                # own, and its release in two halves.
+                # chip nearly fills the register of a step's input. Therefore no other input arrives in the step of the
+                # inhibition, and its release arrives in two steps, half in each.
                 offset = np.repeat(0.5 + bias.astype(np.float64), rows * columns)[None]
                 signals = ("held", 0, -HELD * levels), ("bias", 1, offset), ("open", k + 2, HELD * levels / 2.0)
                 for signal, neuron, strength in signals:
@@ -292,7 +304,7 @@ class _Converted:
         self.net, self._steps, self._backend = net, int(release_times[-1]) + levels + 4, backend
 
     def _show(self, sim: Any, data: Examples) -> tuple[Any, Showing]:
-        """Return the class of each example, the one with the highest potential, and the runs."""
+        """Run the examples one after another. Return their classes by the highest output potential, and the runs."""
         showing, spikes = Showing(sim, INPUT, OUTPUT), data.spikes
         ends, classes = np.searchsorted(spikes.example, np.arange(len(data) + 1)), []
         for k in range(len(data)):
@@ -322,8 +334,8 @@ LEAST = 22
 class ReMuS(Method):
     """Prototypes learnt by reward-modulated STDP; the first prototype to fire in a pseudo-frame decides the class.
 
-    The method is that of `neuro recognise train --method remus` with the same preset. Its events are the spikes of the
-    examples: all events of a step have one time, and several events of a pixel in a step are one.
+    The method is `neuro recognise train --method remus` with the same preset. Its events are the spikes of the
+    examples: all events of a step have the same time, and several events of a pixel in a step are a single event.
     """
 
     called_by = "remus"
@@ -360,7 +372,7 @@ class _RecogniserModel:
         self.recogniser = recogniser
 
     def predict(self, data: Examples) -> Any:
-        """Return the class of each example, or -1 without a score."""
+        """Return the class of each example; -1 if it has no score."""
         from neuro_recognise.method import choose
 
         return choose(self.recogniser.scores(recordings(data)))
@@ -368,7 +380,7 @@ class _RecogniserModel:
     def costs(self, data: Examples) -> Costs:
         """Return NeuroBench's counts and the bills of chips, averaged over the first examples.
 
-        Examples differ in length; the counts use the mean length. In real time a pseudo-frame has 64 ms.
+        Examples differ in length, and the counts use their mean length. In real time, a pseudo-frame takes 64 ms.
         """
         n = min(PRICED, len(data))
         answer = self.recogniser.answer(recordings(data.take(np.arange(n))))
