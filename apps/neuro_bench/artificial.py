@@ -297,7 +297,7 @@ def _effective(layer: Any, inputs: Tensor, out: Any, dense: bool = False) -> flo
 
 
 def quantise(module: Any, data: Examples) -> nn.Module:
-    """Round a sequence of layers to 8 bits. Weights have one scale for each output, inputs have one for each layer.
+    """Round a sequence of layers to 8 bits. Weights have a scale for each output, inputs have a scale for each layer.
 
     Args:
         module: the trained layers.

@@ -18,7 +18,7 @@ class Recorded(Task):
     """Base class for the classification of event-camera recordings.
 
     Non-spiking networks get frames with log(1 + number of events) for each pixel and polarity. Spiking networks get the
-    events of the same interval as spikes; several events of a pixel in one step are one spike.
+    events of the same interval as spikes; several events of a pixel in a step become a single spike.
 
     Class attributes:
         step: length of a step, ms.

@@ -185,7 +185,7 @@ class LIFReadout(Method):
     }
 
     def network(self, train: Recording, settings: Mapping[str, Any]) -> neuro.Network:
-        """Build the untrained network. With its initial weights, hidden potentials vary by about one threshold."""
+        """Build the untrained network. The initial weights let the hidden potentials vary by about a threshold."""
         h, channels = train.step, train.spikes.shape[1]
         net = neuro.Network(self.called_by, resolution=h)
         cell: Any = {"t_ref": 0.0, "E_L": 0.0, "V_reset": 0.0}

@@ -56,9 +56,9 @@ def compared(results: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
         pairs = [(f"task {word}", "task", word) for word in ("name", "split", "metric")]
         pairs += [(word, "asked", word) for word in SAME]
         values = [(label, first[part][word], result[part][word]) for label, part, word in pairs]
-        for label, value, another in (*values, ("data", first.get("data"), result.get("data"))):
-            if value != another:
-                message = f"results differ in {label}: {value} and {another}: expected the same in one table"
+        for label, value, other_value in (*values, ("data", first.get("data"), result.get("data"))):
+            if value != other_value:
+                message = f"results differ in {label}: {value} and {other_value}: expected the same in one table"
                 raise ModelError(message)
     sign = -1.0 if first["task"]["higher"] else 1.0
     return sorted(results, key=lambda value: sign * value["mean"])
@@ -123,9 +123,9 @@ def show(results: Sequence[Mapping[str, Any]]) -> None:
             console().print(
                 f"{name}: host: {counts}, {1e6 * host['joules']:.3g} uJ, in its joules on chips", soft_wrap=True
             )
-        for machine, missing in costs.get("unpriced", {}).items():
+        for machine, cost_names in costs.get("unpriced", {}).items():
             console().print(
-                f"{name}: {machine}: without {', '.join(missing)} (no published figure), hence >", soft_wrap=True
+                f"{name}: {machine}: without {', '.join(cost_names)} (no published figure), hence >", soft_wrap=True
             )
         for chip, reason in costs.get("refused", {}).items():
             console().print(f"{name}: refused by {chip}: {reason}", soft_wrap=True)

@@ -27,7 +27,7 @@ from neuro_bench.task import Fold, Method, Task, tries
 def _registry(
     base: type[Any], kind: str, parts: tuple[type[Any], ...], group: str, method: str, attributes: tuple[str, ...]
 ) -> Registry[Any]:
-    """Return a registry of subclasses. It refuses a class that lacks the method or one of the class attributes.
+    """Return a registry of subclasses, which refuses a class without the method or without one of the attributes.
 
     Args:
         base: base class of the parts.
@@ -171,8 +171,8 @@ def run(
         if len(results) >= len(folds):  # a further seed: use the settings that the first seed chose for this fold
             settings = results[k]["settings"]
         else:  # the first seed: folds with the same validation series share their settings
-            same = (j for j in range(len(results)) if task.kind == "series" and folds[j].validation is fold.validation)
-            settings = next((results[j]["settings"] for j in same), None)
+            peers = (j for j in range(len(results)) if task.kind == "series" and folds[j].validation is fold.validation)
+            settings = next((results[j]["settings"] for j in peers), None)
         candidates = tries(method, options["changes"], request.tries, seed) if settings is None else [settings]
         results.append(_run_fold(task, method, fold, candidates, seed))
         if file is not None:

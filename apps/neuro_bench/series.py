@@ -1,11 +1,11 @@
 """Methods for series: spiking populations, the same functions without spikes, an echo state network, and the mean.
 
 The spiking populations encode a value as a current into all neurons of a population. The neurons have different
-offsets, so each neuron has its own threshold value. It fires if the value is above the threshold value, and it fires
-earlier if the value is further above. The spikes and their times distinguish as many values as there are neurons times
-steps (time to first spike: Thorpe, Delorme and Van Rullen, Neural Networks 14:715, 2001). A neuron that has fired stays
-silent until spikes of a clock reset all neurons before the next value. The spikes therefore depend on the present value
-only.
+offsets, so each neuron has a threshold value of its own. A neuron fires if the value is above the threshold value, and
+fires earlier if the value is further above. The spikes and their times distinguish as many values as there are neurons
+times steps (time to first spike: Thorpe, Delorme and Van Rullen, Neural Networks 14:715, 2001). A neuron that has fired
+stays silent until spikes of a clock reset all neurons before the next value. The spikes therefore depend on the present
+value only.
 
 A spike is weighted by the number of steps after it, like a synaptic current that flows until the reset. The output of a
 neuron is thus a staircase function of the value. Sums of such staircases approximate smooth functions. Ridge regression
@@ -118,7 +118,7 @@ class _Cells:
         """Return for each member the weights (neurons, functions) that turn remaining shares into smooth functions.
 
         The functions are those of `tangents`, up to a constant and blurred by the width of a staircase. The weight of a
-        neuron is the change of the function from the midpoint before its threshold value to the midpoint after it.
+        neuron is the change of the function between the midpoints to the next smaller and larger threshold value.
         """
         weights = []
         for k, thresholds in enumerate(self.at):

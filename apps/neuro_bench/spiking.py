@@ -1,13 +1,13 @@
 """Spiking classifiers: trained by surrogate gradients, converted from a convolutional network, or by a local rule.
 
 The convolutional network is trained on spike counts, and its conversion runs on integrate-and-fire neurons. A layer
-integrates its whole input before it fires. A spike of a clock first pulls its neurons far below the threshold; another
-spike releases them when the previous layer has finished. Each neuron then fires until its potential is below the
-threshold, so its number of spikes is the rectified sum, rounded to a whole number. Without the clock, a neuron may fire
-before its inhibition arrives, and this spike cannot be undone; such spikes cost converted networks their accuracy
-(Rueckauer et al., Front. Neurosci. 11:682, 2017). Weights are scaled so that nearly all activations are at most the
-number of spikes that a layer may fire (Diehl et al., IJCNN 2015). Batch normalisation becomes weights and biases, and
-spikes of the clock add the biases.
+integrates the whole input before the first neuron fires: a spike of a clock pulls the layer's neurons far below the
+threshold, and another spike releases them when the previous layer has finished. Each neuron then fires until the
+potential is below the threshold, so the number of spikes is the rectified sum, rounded to a whole number. Without the
+clock, a neuron may fire before an inhibition arrives, and this spike cannot be undone, which lowers the accuracy of
+converted networks (Rueckauer et al., Front. Neurosci. 11:682, 2017). Weights are scaled so that nearly all activations
+are at most the number of spikes that a layer may fire (Diehl et al., IJCNN 2015). Batch normalisation becomes weights
+and biases, and spikes of the clock add the biases.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def batch_data(data: Examples) -> Any:
 
 
 class _Trained:
-    """A trained network. It predicts by its torch module (backend "torch") or by a simulation on another backend."""
+    """A trained network, which predicts by the torch module (backend "torch") or by a simulation on another backend."""
 
     def __init__(self, trained: Any, plan: Any, backend: str) -> None:
         self.net, self._module, self._plan, self._backend = trained.net, trained.module, plan, backend

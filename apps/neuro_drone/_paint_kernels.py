@@ -1,13 +1,13 @@
 # mypy: ignore-errors
 """Compiled loops of `neuro_drone.eye`: outlines in the world become exact pixel shares in the picture.
 
-An outline is a flat polygon in the world. It is clipped in front of the camera and projected. In each row, the area to
-the right of each edge grows from pixel to pixel; the running sum of this growth is the share of each pixel inside the
-outline. No pixel is sampled, so the shares are exact for polygons. The pattern of the ground is filtered instead: each
-pixel is the mean of the pattern over about the pixel's size on the ground.
+An outline is a flat polygon in the world, which is clipped in front of the camera and projected. In each row, the area
+to the right of each edge grows from pixel to pixel; the running sum of this growth is the share of each pixel inside
+the outline. No pixel is sampled, so the shares are exact for polygons. The pattern of the ground is filtered instead:
+each pixel is the mean of the pattern over about the pixel's size on the ground.
 
-The base is a picture of sky and ground only. It is drawn again if the camera's pose changes it; line and ball are
-painted over a copy of it.
+The base is a picture of sky and ground only, which is drawn again if the camera's new pose makes a difference. Line and
+ball are painted over a copy of the base.
 """
 
 from math import ceil, floor, log2, pi, sin, sqrt
@@ -105,15 +105,15 @@ def fill(corners, n, cover, spans):
             first, last = max(floor(min(x0, width)), 0), min(floor(max(x1, -2.0)) + 2, width)
             spans[row, 0] = min(spans[row, 0], first)
             spans[row, 1] = max(spans[row, 1], last, 1)
-            whole = sign * (bottom - top)
+            row_share = sign * (bottom - top)
             if last <= 0:
-                cover[row, 0] += whole
+                cover[row, 0] += row_share
                 continue
             previous_share, area = 0.0, left_of(float(first), x0, x1)
             for column in range(first, last):
                 next_area = left_of(column + 1.0, x0, x1)
                 share = next_area - area
-                cover[row, column] += whole * (share - previous_share)
+                cover[row, column] += row_share * (share - previous_share)
                 previous_share, area = share, next_area
 
 
@@ -142,10 +142,10 @@ def ball_outline(ball, matrix, focal, circle, points):
     points that SAGITTA requires; 0 if the camera is inside the ball or the ball is exactly to its right or left.
     """
     x, y, z, radius = ball[0] - matrix[3, 0], ball[1] - matrix[3, 1], ball[2] - matrix[3, 2], ball[3]
-    far = sqrt(x * x + y * y + z * z)
-    if far <= radius:
+    dist = sqrt(x * x + y * y + z * z)
+    if dist <= radius:
         return 0
-    x, y, z = x / far, y / far, z / far
+    x, y, z = x / dist, y / dist, z / dist
     along = x * matrix[0, 0] + y * matrix[0, 1] + z * matrix[0, 2]
     norm = sqrt(max(1.0 - along * along, 0.0))
     if norm < 1e-6:
@@ -153,19 +153,19 @@ def ball_outline(ball, matrix, focal, circle, points):
     ax, ay, az = matrix[0, 0] - along * x, matrix[0, 1] - along * y, matrix[0, 2] - along * z
     ax, ay, az = ax / norm, ay / norm, az / norm
     bx, by, bz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
-    depth = far * (x * matrix[2, 0] + y * matrix[2, 1] + z * matrix[2, 2]) - radius
+    depth = dist * (x * matrix[2, 0] + y * matrix[2, 1] + z * matrix[2, 2]) - radius
     n = FEWEST
-    while n < circle.shape[0] and (depth < radius or focal * radius * far * (pi / n) ** 2 > 2.0 * SAGITTA * depth**2):
+    while n < circle.shape[0] and (depth < radius or focal * radius * dist * (pi / n) ** 2 > 2.0 * SAGITTA * depth**2):
         n *= 2
-    back = radius * radius / far
+    plane_offset = radius * radius / dist
     turn = 2.0 * pi / n
-    wide = radius * sqrt(1.0 - (radius / far) ** 2) * sqrt(turn / sin(turn))
+    circle_radius = radius * sqrt(1.0 - (radius / dist) ** 2) * sqrt(turn / sin(turn))
     step = circle.shape[0] // n
     for k in range(n):
-        c, s = wide * circle[k * step, 0], wide * circle[k * step, 1]
-        points[k, 0] = matrix[3, 0] + (far - back) * x + c * ax + s * bx
-        points[k, 1] = matrix[3, 1] + (far - back) * y + c * ay + s * by
-        points[k, 2] = matrix[3, 2] + (far - back) * z + c * az + s * bz
+        c, s = circle_radius * circle[k * step, 0], circle_radius * circle[k * step, 1]
+        points[k, 0] = matrix[3, 0] + (dist - plane_offset) * x + c * ax + s * bx
+        points[k, 1] = matrix[3, 1] + (dist - plane_offset) * y + c * ay + s * by
+        points[k, 2] = matrix[3, 2] + (dist - plane_offset) * z + c * az + s * bz
     return n
 
 
@@ -224,12 +224,12 @@ def copy(source, target):
 def ground(matrix, focal, middle, shades, pattern, work, base_pose, base):
     """Draw sky and ground of the base again if the pose changes them. Return True if they were drawn."""
     levels, size, wide, sharp, x, y = pattern
-    fresh = base_pose[4, 0] != 0.0
-    tilted = fresh or tilt_changed(matrix, base_pose)
+    stale = base_pose[4, 0] != 0.0
+    tilted = stale or tilt_changed(matrix, base_pose)
     if levels.size:
-        differs = fresh or pose_changed(matrix, base_pose)
+        differs = stale or pose_changed(matrix, base_pose)
     else:
-        differs = fresh or (tilted and not (all_ground(matrix, focal, middle) and all_ground(base_pose, focal, middle)))
+        differs = stale or (tilted and not (all_ground(matrix, focal, middle) and all_ground(base_pose, focal, middle)))
     if not differs:
         return False
     plain_ground(matrix, focal, middle, shades, work, base)
@@ -298,9 +298,12 @@ def places(row, matrix, focal, middle, x, y):
 def textured_ground(matrix, focal, middle, levels, size, wide, sharp, x, y, base):
     """Draw the pattern on the ground of a base. Pixels wider than the whole tile keep the base's shade.
 
-    A pixel is the mean over a square with the pixel's longer side on the ground: bilinear in the two levels of the
-    pattern next to this width, linear in its logarithm between them. levels: result of `eye.pyramid`; size: width of
-    the first level, texels; wide: size of a texel, m; sharp: result of `sharpness`; x, y: (width,), buffers.
+    A pixel is the mean over a square with the pixel's longer side on the ground. The two levels of the pattern next to
+    this width are interpolated: bilinearly within a level, and between the levels linearly in the logarithm of the
+    width.
+
+    levels: result of `eye.pyramid`. size: width of the first level, texels. wide: size of a texel, m. sharp: result of
+    `sharpness`. x, y: (width,), buffers.
     """
     top = log2(size)
     for row in range(base.shape[0]):

@@ -117,14 +117,14 @@ class Kinematic:
             remaining, integral = _approach(abs(error), a_max, lag, seconds, decay)
             self.climb = target - copysign(remaining, error)
             pose.z += target * seconds - copysign(integral, error)
-        middle = pose.yaw
+        middle_heading = pose.yaw
         if turn or self.rate:
             rate_error = self.rate + turn  # the rate is counter-clockwise, the command clockwise
             half_decay = exp(-0.5 * seconds / lag)
-            middle += -turn * 0.5 * seconds + rate_error * lag * (1.0 - half_decay)
+            middle_heading += -turn * 0.5 * seconds + rate_error * lag * (1.0 - half_decay)
             pose.yaw += -turn * seconds + rate_error * lag * (1.0 - decay)
             self.rate = rate_error * decay - turn
-        c, s = cos(middle), sin(middle)
+        c, s = cos(middle_heading), sin(middle_heading)
         wx, wy = forward * c + right * s + self.drift[0], forward * s - right * c + self.drift[1]
         vx, vy = self.velocity
         ex, ey = wx - vx, wy - vy
@@ -238,7 +238,7 @@ class Bullet:
         """Create a PyBullet world that contains the drone."""
         p = self._p
         self._client = p.connect(p.DIRECT)
-        self._closed = finalize(self, _disconnect, p, self._client)
+        self._finalizer = finalize(self, _disconnect, p, self._client)
         self._world = world = {"physicsClientId": self._client}
         p.setGravity(0.0, 0.0, -GRAVITY, **world)
         self._body = p.createMultiBody(baseMass=MASS, **world)
@@ -252,7 +252,7 @@ class Bullet:
         self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0, z: float | None = None
     ) -> None:
         """See `Body`; connects a closed body again."""
-        if not self._closed.alive:
+        if not self._finalizer.alive:
             self._connect()
         self.reference.reset(x, y, yaw, right, forward, z)
         self.feel(CALM, 0.0)
@@ -305,10 +305,10 @@ class Bullet:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state for copies and other processes. PyBullet cannot copy a world, so a copy makes its own."""
-        state = (self._place, self._turned, (*self.velocity, self._climb), self._spin)
+        state = (self._place, self._attitude, (*self.velocity, self._climb), self._spin)
         names = ("a_max", "reference", "pose", "velocity", "_drag", "_force", "_load")
         attributes = {name: getattr(self, name) for name in names}
-        return attributes | {"_there": state, "_open": self._closed.alive}
+        return attributes | {"_there": state, "_open": self._finalizer.alive}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self._p = _pybullet()
@@ -324,16 +324,16 @@ class Bullet:
 
     def close(self) -> None:
         """See `Body`; a reset connects again."""
-        self._closed()
+        self._finalizer()
 
     def _read(self) -> None:
         """Read position, attitude and speeds from PyBullet."""
         p, pose = self._p, self.pose
-        self._place, self._turned = p.getBasePositionAndOrientation(self._body, self._client)
+        self._place, self._attitude = p.getBasePositionAndOrientation(self._body, self._client)
         pose.x, pose.y, pose.z = self._place
         (vx, vy, self._climb), self._spin = p.getBaseVelocity(self._body, self._client)
         self.velocity = (vx, vy)
-        x, y, z, w = self._turned
+        x, y, z, w = self._attitude
         self._front = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w))
         self._left = (2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + x * w))
         self._up = (2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y))

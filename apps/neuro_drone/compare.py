@@ -29,7 +29,7 @@ SEEDLESS = ("nothing", "oracle", "centroid")
 
 @dataclass(frozen=True, slots=True)
 class ComparisonRow:
-    """One row of the table.
+    """A row of the table.
 
     Attributes:
         text: the row as text: the name of a controller, then changes "name=value", all separated by spaces.

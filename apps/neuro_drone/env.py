@@ -311,7 +311,7 @@ ROUNDING = 1e-6
 class Weather:
     """Wind with gusts, and the load, which changes once in an episode.
 
-    Gusts on each axis are an Ornstein-Uhlenbeck process. It is solved exactly, so the standard deviation of the gusts
+    Gusts on each axis are an Ornstein-Uhlenbeck process. The solution is exact, so the standard deviation of the gusts
     does not depend on the step.
 
     Args:

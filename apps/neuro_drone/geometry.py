@@ -151,9 +151,9 @@ class CameraView:
             radius: radius of the ball, m.
             tall: height of the ball's picture, px.
         """
-        slant, wide = ((v - self.middle) / self.focal) ** 2 + 1.0, 2.0 * self.focal * radius / tall
-        half = radius**2 + 0.5 * wide**2 * slant
-        return sqrt(half + sqrt(half * half - radius**4 - (wide * radius) ** 2))
+        slant, level_depth = ((v - self.middle) / self.focal) ** 2 + 1.0, 2.0 * self.focal * radius / tall
+        half = radius**2 + 0.5 * level_depth**2 * slant
+        return sqrt(half + sqrt(half * half - radius**4 - (level_depth * radius) ** 2))
 
     def ray(self, u: float, v: float) -> tuple[float, float, float]:
         """Return the direction in the world of the ray through a pixel, scaled to length 1 along the optical axis."""

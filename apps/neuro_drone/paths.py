@@ -59,7 +59,7 @@ FIXED = Variation()
 def draw_variation(rng: np.random.Generator, line: bool) -> Variation:
     """Draw a variation: factors uniformly in their logarithm, angles and shifts uniformly.
 
-    The ranges are so wide that a controller without the camera, such as a replayed flight, loses its target.
+    The ranges are so wide that a controller without the camera, e.g. a replayed flight, loses the target.
 
     Args:
         rng: random generator.

@@ -116,13 +116,13 @@ def describe_training(model: Model) -> str:
     returns, lengths = model.history["returns"], model.history["lengths"]
     window = max(1, len(lengths) // 10)
     errors = model.curve.get("error_px", np.zeros(0))
-    frozen = f"{errors[-1]:.1f} px with frozen weights in short flights from far starts; " if len(errors) else ""
+    tests = f"{errors[-1]:.1f} px with frozen weights in short flights from far starts; " if len(errors) else ""
     if lost := int(model.curve["lost"][-1]) if len(errors) else 0:
-        frozen += f"the target was lost in {lost} of the last {FLIGHTS} of them"
-        frozen += f"{BODY if model.scenario.camera.mount == 'body' else ''}; "
+        tests += f"the target was lost in {lost} of the last {FLIGHTS} of them"
+        tests += f"{BODY if model.scenario.camera.mount == 'body' else ''}; "
     reward = returns[-window:].sum() / lengths[-window:].sum() if len(lengths) else np.nan
     return (
-        f"{describe_model(model)}: {frozen}mean reward {reward:.3f} in the last tenth of {len(lengths):,} episodes, "
+        f"{describe_model(model)}: {tests}mean reward {reward:.3f} in the last tenth of {len(lengths):,} episodes, "
         "with learning on, where exploration or the teacher also steers"
     )
 
@@ -270,7 +270,7 @@ def list_controllers() -> None:
 
 
 def write_pictures(model: Model, test: FlightTest, folder: Path) -> list[Path]:
-    """Draw the positions of the target, and for a trained model also its training and its weights. Return the files."""
+    """Draw the positions of the target, and for a trained model also training and weights. Return the files."""
     figures = {"density.png": density(model, test)}
     if len(model.history.get("returns", ())):
         figures["training.png"] = training(model)

@@ -144,8 +144,8 @@ class BallTask:
     - the ball completes the path without leaving the picture,
     - the mean error after the first tenth is at most 20 px,
     - at least 80 of 100 equal pieces of the path are covered. The aim is the point at the ball's height where the
-      camera looks. A piece is covered if the aim comes within 5 % of the lap's length of it while the ball is within
-      10 pieces of it,
+      camera looks. A piece is covered if the distance of the aim from the piece is at most 5 % of the lap's length
+      while the ball is at most 10 pieces away,
     - after the first tenth, the mean distance of the aim from the ball is at most 3/4 of the distance for a camera that
       hovers over the centre of the star,
     - with three axes: after the first tenth, the height of the ball's picture differs from the target height by at most
@@ -302,7 +302,7 @@ class BallTask:
 
 @lru_cache(maxsize=8)  # a training flies the same few paths all the time
 def _ball_path(lap: float, varied: Variation) -> tuple[Path, npt.NDArray[Any], float]:
-    """Return the ball's path, the points between its pieces, (PIECES, 2), and their mean distance to the centre, m.
+    """Return the ball's path, the points between pieces, (PIECES, 2), and the points' mean distance to the centre, m.
 
     Args:
         lap: length of the path without variation, m.

@@ -72,9 +72,9 @@ class TrainingProgress:
     @property
     def text(self) -> str:
         """Describe the progress: steps, error with frozen weights, and reward."""
-        frozen = "" if math.isnan(self.frozen_px) else f", {self.frozen_px:.1f} px frozen, from far starts"
+        test_text = "" if math.isnan(self.frozen_px) else f", {self.frozen_px:.1f} px frozen, from far starts"
         learning = "" if math.isnan(self.reward) else f", reward {self.reward:.3f} a step while it learns"
-        return f"{self.step:,} of {self.steps:,} steps{frozen}{learning}"
+        return f"{self.step:,} of {self.steps:,} steps{test_text}{learning}"
 
 
 Report = Callable[[TrainingProgress], None]
@@ -184,7 +184,7 @@ class Curve:
     While a controller learns, exploration and dopamine hide the quality of its weights. The tests change neither the
     training nor its random numbers.
 
-    The error is `error_px`: for a ball the error of its position in the picture, for a line the error of its column.
+    The error is `error_px`: for a ball the error of the position in the picture, for a line the error of the column.
     Errors on the other axes show only if they end in a lost flight.
 
     Args:
@@ -198,7 +198,7 @@ class Curve:
         self._env = Flights(model.scenario, cycle(reset_calls))
         self._loop = model.loop(self._env)
         self._points: dict[str, list[Any]] = {name: points[name].tolist() if points else [] for name in _CURVE}
-        self._last = self._points["steps"][-1] if self._points["steps"] else 0
+        self._last_test = self._points["steps"][-1] if self._points["steps"] else 0
 
     def follow(self, loop: ClosedLoop) -> None:
         """Test once if a test is due.
@@ -206,9 +206,9 @@ class Curve:
         Args:
             loop: closed loop of the training.
         """
-        if loop.steps // TEST_EVERY == self._last // TEST_EVERY:
+        if loop.steps // TEST_EVERY == self._last_test // TEST_EVERY:
             return
-        self._last, pilot = loop.steps, loop.pilot
+        self._last_test, pilot = loop.steps, loop.pilot
         if isinstance(pilot, ControllerPilot):
             self._loop.pilot = ControllerPilot(pilot.controller.frozen())
         else:
@@ -241,7 +241,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class TrainingJob:
-    """One of several trainings; the attributes are the arguments of `train`."""
+    """A training as a job for another process. The attributes are the arguments of `train`."""
 
     scenario: Scenario | str | Path
     controller: str = "snn"

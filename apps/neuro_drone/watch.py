@@ -71,7 +71,7 @@ class FlightSpikes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
-    """The record of a lap. It has n steps; the first step is the start, which has no action.
+    """The record of a lap with n steps. The first step is the start, which has no action.
 
     Attributes:
         model: the model that flew.
@@ -139,8 +139,8 @@ class _RecordedFlight(Flights):
 
     def _record(self, action: npt.NDArray[Any]) -> None:
         info = self.last[-1]
-        measured = {"targets": info["target"], "errors": info["error_px"], "actions": action, "counts": info["counts"]}
-        for name, value in (_world_state(self) | measured).items():
+        results = {"targets": info["target"], "errors": info["error_px"], "actions": action, "counts": info["counts"]}
+        for name, value in (_world_state(self) | results).items():
             self.values.setdefault(name, []).append(value)
         self.events.append(info["events"])
 

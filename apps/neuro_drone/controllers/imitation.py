@@ -86,12 +86,12 @@ class Imitation:
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
         """Return the action of the oracle or, by chance, of the fit. The oracle's action is stored for the next fit."""
-        self._last = observed(counts, self._settings.coding), self._oracle.act(counts, info)
-        return self._last[1] if self._rng.random() < self._share else self._flier.act(counts, info)
+        self._last_step = observed(counts, self._settings.coding), self._oracle.act(counts, info)
+        return self._last_step[1] if self._rng.random() < self._share else self._flier.act(counts, info)
 
     def learn(self, info: Mapping[str, Any]) -> None:
         """Record the input and the oracle's action of the step, and fit all steps at the end of a round."""
-        inputs, actions = self._last
+        inputs, actions = self._last_step
         self._inputs.append(inputs)
         self._actions.append(actions)
         if len(self._inputs) % self._settings.round == 0:

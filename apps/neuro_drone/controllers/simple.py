@@ -25,7 +25,7 @@ from neuro_drone.scenario import Scenario
 
 @dataclass(frozen=True)
 class ControllerSettings(Settings):
-    """Base class of controllers' settings. A `gain` is one number for all axes or a list with one number per axis.
+    """Base class of controllers' settings. A `gain` is a number for all axes or a list with a number per axis.
 
     Attributes:
         name: name of the controller, for messages.
@@ -264,7 +264,7 @@ class LMS(Fixed):
 
     def __init__(self, scenario: Scenario, seed: int, settings: LMSSettings, learns: bool = True) -> None:
         self._settings, self._learns = settings, learns
-        self._new = (scenario, seed)
+        self._arguments = (scenario, seed)
         self._gain = each_axis("gain", settings.gain, scenario.axes)
         self._weights = np.zeros((scenario.axes, 64))
         self._shares = np.zeros(64)
@@ -300,7 +300,7 @@ class LMS(Fixed):
 
     def frozen(self) -> LMS:
         """Return a copy that does not learn."""
-        copy = LMS(*self._new, self._settings, learns=False)
+        copy = LMS(*self._arguments, self._settings, learns=False)
         copy.restore(self.learnt())
         return copy
 
@@ -341,8 +341,8 @@ class LinearPolicy(Fixed):
 class RandomSearch:
     """Augmented random search, version V1-t, of a linear policy.
 
-    Two episodes test each random direction: one adds the direction to the weights, the next subtracts it. After all
-    directions, the weights move along the best directions. The movement along a direction is proportional to the
+    Two episodes test each random direction: the first adds the direction to the weights, the second subtracts it. After
+    all directions, the weights move along the best directions. The movement along a direction is proportional to the
     difference between the returns of its two episodes, in units of the standard deviation of the best directions'
     returns.
 

@@ -97,7 +97,7 @@ class Spiking:
 
 
 def _load_network(scenario: Scenario, settings: SpikingSettings) -> neuro.Network:
-    """Load the network, and give it the default world if it has none."""
+    """Load the network, and add the default world to a network without a world."""
     default_file, parameters = network_path(DEFAULT_NETWORK), dict(settings.parameters)
     defaults = {"episode": EPISODES[scenario.kind], "scenario": scenario.name, "axes": scenario.axes}
     defaults |= LINE if scenario.kind == "line" else {}
