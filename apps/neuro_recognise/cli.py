@@ -85,7 +85,7 @@ def _counting_bar(task: str) -> Iterator[Callable[[int, int], None]]:
 
 
 def _load(model: Path, values: Sequence[str] = ()) -> Recogniser:
-    """Load a recogniser, and change settings that may be changed after training."""
+    """Load a recogniser, and apply new values to the settings that may change after training."""
     from neuro_recognise.recogniser import Recogniser
 
     return Recogniser.load(model).changed(assignments([*values]))

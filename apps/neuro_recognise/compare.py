@@ -29,7 +29,7 @@ from neuro_recognise.shown import Features, Ints
 
 RESULTS = apps.JobResults("a result of 'neuro recognise compare'", "neuro recognise fold 1")
 TIMED = 20
-"""Number of recordings that are observed again to measure the time per recording."""
+"""Number of recordings that are observed once more, to measure the time per recording."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +74,14 @@ class Compared:
 
     Attributes:
         contestant: the method.
-        evaluations: for each seed, the evaluation of all recordings, each decided by the training on the other folds.
-        votes: evaluations of other decision rules, by name.
-        observe_ms: time to compute the evidence of a recording, ms.
+        evaluations: for each seed, the evaluation of all recordings. Each recording is decided by a
+            recogniser that was trained on the other folds.
+        votes: evaluations of alternative decision rules, by the name of the rule, one for each seed.
+        observe_ms: mean time to compute the evidence of a recording, ms.
         train_s: mean time of a training, s.
-        answer_ms: time to decide from the evidence of a recording, ms.
-        bills: by target, the bill per recording as plain data, or the reason why there is none; None without a network.
+        answer_ms: mean time to decide from the evidence of a recording, ms.
+        bills: bill per recording by the name of the target, as plain data. A target that refuses the network has its
+            reason instead. None for a method without a network.
         refused: reason why the method could not run, "" if it ran.
     """
 
@@ -94,12 +96,12 @@ class Compared:
 
     @property
     def accuracy(self) -> float:
-        """Mean over the seeds; NaN if the method could not run."""
+        """Mean accuracy over the seeds; NaN if the method could not run."""
         return float(np.mean([run.accuracy for run in self.evaluations])) if self.evaluations else float("nan")
 
     @property
     def spread(self) -> float:
-        """Standard deviation over the seeds; NaN with a single one."""
+        """Standard deviation of the accuracy over the seeds; NaN with a single seed."""
         accuracies = [run.accuracy for run in self.evaluations]
         return float(np.std(accuracies, ddof=1)) if len(accuracies) > 1 else float("nan")
 
@@ -131,7 +133,7 @@ def compare(data: Recordings, plan: MethodComparison, report: Callable[[Progress
         The results of each method, in the order of the plan.
 
     Raises:
-        EventFileError: a recording is damaged, or all are of one class.
+        EventFileError: a recording is damaged, or all recordings are of one class.
         ModelError: there is no such backend, a file in the folder was not written by `compare`, or there are too few
             recordings.
     """
@@ -207,8 +209,9 @@ class Fold:
         name: name in progress reports.
         method: the method with its settings.
         features: evidence of all recordings.
-        train_rows, test_rows: indices of the recordings to learn from, and to test.
-        of: conditions that determine the result, as plain data.
+        train_rows, test_rows: indices of the recordings to train on, and of those to test on.
+        of: conditions that determine the result, as plain data, e.g. method, seed and fold. A stored result with equal
+            conditions is reused.
         file: file of the result.
     """
 
@@ -432,7 +435,7 @@ def _row(row: Compared, plan: MethodComparison) -> tuple[str, ...]:
 
 
 def _bills(results: Sequence[Compared]) -> Iterator[tuple[str, ...]]:
-    """Yield the bill of each network on each target, or a row "refused"."""
+    """Yield a row for each network and target: the bill, or "refused"."""
     for compared in results:
         for target, bill in (compared.bills or {}).items():
             refused = ("refused", *["-"] * (len(COLUMNS) - 1))

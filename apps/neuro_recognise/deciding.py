@@ -1,31 +1,32 @@
-"""Decisions while events arrive, and rules for stopping early that bound the share of wrong decisions.
+"""Decisions while events arrive, and rules that stop early but limit the share of wrong decisions.
 
 A session divides the stream into stretches and scores one stretch at a time. A stretch begins at its first event,
 without memory of earlier events. A stretch ends after a window, after a pause without events, or when `end` is called.
 The next event begins another stretch. The window therefore bounds memory and time even for an endless stream. Each
-decision equals that of `scores_at` for the events of its stretch.
+decision uses the same scores as `scores_at` computes for the events of its stretch.
 
-A session stops at the first moment at which the estimated error of its margin (`Held.error`) is at or below a level.
-Recordings that never reach the level are decided at their end. The level is the largest, hence the earliest to stop,
-for which the share of wrong decisions over all recordings is assured to be at most the allowed share.
+The error of a decision is estimated from its margin (`Held.error`). A session stops at the first moment at which the
+estimated error is at or below a level. A recording that never reaches the level is decided at its end. A larger level
+stops earlier. The rule therefore uses the largest level for which the share of wrong decisions over all recordings is
+assured to be at most the allowed share.
 
-The margins of a held-out recording are judged by the other held-out recordings only (cross-fitting). Levels are tested
-from the strictest on, and testing ends at the first whose bound on the error exceeds the allowed share, so testing many
-levels does not weaken the assurance (fixed sequence testing: Angelopoulos et al., Learn then Test, arXiv 2110.01052,
-2021).
+The error of a held-out recording is estimated from other held-out recordings only (cross-fitting). Levels are tested
+from the strictest on. Testing ends at the first level whose bound on the error exceeds the allowed share. Testing many
+levels in this order does not weaken the assurance (fixed sequence testing: Angelopoulos et al., Learn then Test, arXiv
+2110.01052, 2021).
 
-The bound is on the mean over recordings drawn like the held-out ones, not on each class. With another mix of classes
-the error may be larger, but not larger than that of the worst class (`Outcome.worst`).
+The bound holds for the mean over recordings drawn like the held-out ones, not for each class. With another mix of
+classes the error may be larger, but not larger than the error of the worst class (`Outcome.worst`).
 
 In the file of a recogniser:
 
 ```
 /early/times_us   moments since the first event, us
-/early/margins    (recordings, moments) of held-out recordings
+/early/margins    (recordings, moments) margins of held-out recordings
 /early/right      (recordings, moments) whether the decision was right
-/early/labels     (recordings,) index of the class of each; missing in older files
-/early/learnt/0   arrays and texts by name, of the first moment; and so on; missing if all moments use the training
-                  on whole recordings
+/early/labels     (recordings,) index of the true class; missing in older files
+/early/learnt/0   learnt arrays and texts of the first moment, by name; /1 has those of the second moment, and so on;
+                  missing if all moments use the training on whole recordings
 ```
 """
 
@@ -45,7 +46,7 @@ from neuro_recognise.method import SILENT, Learnt, Observer, choose
 from neuro_recognise.shown import Evidence, Floats, Ints
 
 PARTS = 10
-"""Number of parts of the held-out recordings for cross-fitting: each tenth is judged by the other 90 %."""
+"""Number of parts of the held-out recordings for cross-fitting. Errors of each tenth are estimated from the others."""
 
 
 def margins(scores: Floats) -> Floats:
@@ -68,9 +69,9 @@ class Held:
 
     Attributes:
         times_us: (moments,) times since the first event, us, ascending.
-        margins: (recordings, moments), NaN without a decision.
+        margins: (recordings, moments) lead of the best class over the second (see `margins`); NaN without a decision.
         right: (recordings, moments) whether the decision was right.
-        labels: (recordings,) index of the class of each; None if unknown, as in older files.
+        labels: (recordings,) index of the true class; None if unknown, as in older files.
     """
 
     times_us: Ints
@@ -88,14 +89,16 @@ class Held:
         return Held(self.times_us, self.margins[chosen], self.right[chosen], labels)
 
     def error(self, after_us: int, margin: float) -> float:
-        """Estimate the probability that a decision with this margin is wrong, at the last moment up to `after_us`.
+        """Estimate the probability that a decision with this margin is wrong.
+
+        The estimate is from the held-out decisions at the last moment that is not after `after_us`.
 
         If w of n decisions with this margin or a larger one were wrong, the estimate is (w + 1) / (n + 2), Laplace's
         rule of succession: a single right decision (w = 0, n = 1) gives 1/3, not 0. The estimate never increases with
         the margin, because it is the minimum over all smaller margins.
 
         Returns:
-            NaN before the first moment, and without held-out decisions.
+            The probability; NaN before the first moment, and if there are no held-out decisions.
         """
         moment = int(np.searchsorted(self.times_us, after_us, "right")) - 1
         if moment < 0 or np.isnan(margin):
@@ -108,10 +111,10 @@ class Held:
         """Compute `error` for many decisions.
 
         Args:
-            margins: (recordings, moments) of these or of other recordings, NaN without a decision.
+            margins: (recordings, moments) margins of these or of other recordings; NaN without a decision.
 
         Returns:
-            (recordings, moments), NaN without a decision.
+            (recordings, moments) estimated errors; NaN without a decision.
         """
         errors = np.full(margins.shape, np.nan)
         for moment, (margin_bounds, error) in enumerate(self._curves):
@@ -123,7 +126,10 @@ class Held:
 
     @cached_property
     def parts(self) -> list[tuple[Ints, Held]]:
-        """Return each tenth of the recordings, as every tenth index, with the decisions on the other nine tenths."""
+        """Return a pair for each tenth of the recordings: their indices, and the decisions on the other nine tenths.
+
+        Part k has the recordings k, k + 10, k + 20, ...
+        """
         part = np.arange(len(self)) % PARTS
         return [(np.flatnonzero(part == k), self.take(part != k)) for k in range(min(PARTS, len(self)))]
 
@@ -137,7 +143,7 @@ class Held:
 
     @cached_property
     def _curves(self) -> list[tuple[Floats, Floats]]:
-        """For each moment, the margins that occurred, ascending, and the error of decisions at or above each."""
+        """A pair for each moment: the margins that occurred, ascending, and the error at or above each margin."""
         curves = []
         for margins, is_right in zip(self.margins.T, self.right.T, strict=True):
             decided = ~np.isnan(margins)
@@ -155,15 +161,17 @@ class Early:
 
     Attributes:
         held: decisions on held-out recordings at each moment.
-        learnt: result of a separate training for each moment; empty if all moments use the training on whole
-            recordings.
+        learnt: result of the training for each moment; empty if all moments use the training on whole recordings.
     """
 
     held: Held
     learnt: tuple[Learnt, ...] = ()
 
     def at(self, after_us: int) -> Learnt | None:
-        """Return the training result for the last moment up to `after_us`, or else the first; None without any."""
+        """Return the training result of the last moment up to `after_us`; None if moments have no separate trainings.
+
+        Before the first moment, the result of the first moment is returned.
+        """
         if not self.learnt:
             return None
         moment = int(np.searchsorted(self.held.times_us, after_us, "right")) - 1
@@ -200,10 +208,10 @@ ASSUMES = (
 )
 """Assumption of the bound, printed with results."""
 NEVER = -1.0
-"""The strictest level: every recording is decided at its end."""
+"""The strictest level; no error is below it, so every recording is decided at its end."""
 LEVELS = 60
-"""Number of levels that are tested, up to three times the allowed error. Levels above the allowed error can be assured,
-because recordings often stop at an error below the level."""
+"""Number of levels that are tested, up to three times the allowed error. A level above the allowed error can still be
+assured, because recordings often stop at an error below the level."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +221,7 @@ class Rule:
     Attributes:
         allowed: largest share of recordings that may be decided wrongly.
         assurance: probability, over draws of the held-out recordings, that the share of wrong decisions is not larger.
-        level: error (`Held.error`) at or below which a session stops.
+        level: a session stops as soon as its error (`Held.error`) is at or below this level.
     """
 
     allowed: float
@@ -227,14 +235,14 @@ class Rule:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Errors and times of stopping rules, each tested on recordings that it was not chosen with.
+    """Errors and times of stopping rules, each tested on recordings that were not used to choose it.
 
     Attributes:
         error: share of wrong decisions.
         interval: 95 % interval of `error` (Clopper and Pearson).
         mean_ms: mean time of the decisions since the first event, ms.
         worst: index of the class with the largest share of wrong decisions; None if the classes are unknown.
-        worst_error: share of wrong decisions of that class, the upper limit of `error` for any mix of these classes.
+        worst_error: share of wrong decisions in the worst class. With any mix of these classes `error` is at most this.
         worst_interval: 95 % interval of `worst_error`.
     """
 
@@ -252,12 +260,12 @@ def stopping_rule(held_out: Held, allowed: float, assurance: float = ASSURANCE) 
     Args:
         held_out: decisions on held-out recordings. Later recordings must be drawn from the same distribution.
         allowed: largest share of all recordings that may be decided wrongly.
-        assurance: probability that the share is not larger. With 0.5 the error is above the allowed share as often as
-            below.
+        assurance: probability that the share is not larger than allowed. With 0.5 the share is larger as often as
+            smaller.
 
     Raises:
         ModelError: an argument is not between 0 and 1, or the held-out recordings do not support the allowed error:
-            there are too few, or more are wrong even at their end.
+            there are too few, or too many are decided wrongly even at their end.
     """
     if not 0 < allowed < 1:
         raise ModelError(f"allow = {allowed:g}: expected a share of recordings between 0 and 1")
@@ -274,15 +282,19 @@ def stopping_rule(held_out: Held, allowed: float, assurance: float = ASSURANCE) 
 
 
 def least_allowed(held_out: Held, assurance: float = ASSURANCE) -> float:
-    """Return the smallest error that can be allowed: the bound on the error at the end, rounded up to thousandths."""
+    """Return the smallest error that can be allowed.
+
+    This is the bound on the error of decisions at the end of recordings, rounded up to thousandths.
+    """
     bound = upper_bound(int(np.count_nonzero(~held_out.right[:, -1])), len(held_out), assurance)
     return float(np.ceil(1000.0 * bound) / 1000.0)
 
 
 def outcome(held_out: Held, allowed: float, assurance: float = ASSURANCE) -> Outcome:
-    """Test stopping rules by cross-fitting: each tenth of the recordings is stopped by the rule of the others.
+    """Test stopping rules by cross-fitting.
 
-    Where the other nine tenths cannot support the allowed error, their rule decides at the end.
+    The rule for each tenth of the recordings is chosen on the other nine tenths. If those nine tenths cannot
+    support the allowed error, their rule decides every recording at its end.
     """
     moments = np.empty(len(held_out), np.int64)
     for rows, curve in held_out.parts:
@@ -298,11 +310,13 @@ def outcome(held_out: Held, allowed: float, assurance: float = ASSURANCE) -> Out
 
 
 def stopped(errors: Floats, level: float) -> Ints:
-    """Return the moment of each recording's decision, (recordings,): the first at or below the level, or the last.
+    """Return the index of the moment at which each recording is decided, (recordings,).
+
+    This is the first moment with an error at or below the level, or else the last moment.
 
     Args:
         errors: (recordings, moments) `Held.error` of each decision.
-        level: a recording stops at an error at or below this level.
+        level: largest error at which a recording stops.
     """
     met = errors <= level
     return np.asarray(np.where(met.any(axis=1), met.argmax(axis=1), met.shape[1] - 1))
@@ -324,7 +338,7 @@ def upper_bound(wrong: int, n: int, assurance: float) -> float:
 
 
 def _level(held_out: Held, allowed: float, assurance: float) -> float:
-    """Return the largest assured level, by fixed sequence testing."""
+    """Return the largest level whose bound on the error is within the allowed share, by fixed sequence testing."""
     assured = NEVER
     for level in (NEVER, *np.linspace(0.0, 3.0 * allowed, LEVELS + 1).tolist()):
         moments = stopped(held_out.crossed, level)
@@ -342,7 +356,7 @@ def _share(is_wrong: npt.NDArray[np.bool_]) -> tuple[float, tuple[float, float]]
 
 
 WINDOW_MS = 1000.0
-"""Length of a stretch, ms, if the length of recordings is unknown."""
+"""Longest stretch of a session, ms, for a recogniser without early decisions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -374,10 +388,11 @@ class Session:
 
     Args:
         observer: function that returns a new observer for each stretch.
-        ask: function from the time after the first event of a stretch, us, and the evidence to the scores, (classes,).
-        every_us: time between decisions, us, from the first event of a stretch on.
+        ask: function that returns the scores, (classes,). Its arguments are the time since the first event of the
+            stretch, us, and the evidence.
+        every_us: time between decisions, us, counted from the first event of a stretch.
         window_us: longest stretch, us.
-        gap_us: longest pause without events, us, which ends a stretch; None for no limit.
+        gap_us: longest pause between events of a stretch, us. A longer pause ends the stretch. None for no limit.
         held: decisions on held-out recordings, for `Decision.confidence`; None if unknown.
         rule: stopping rule, for `Decision.settled`; None for no rule.
     """
@@ -397,7 +412,7 @@ class Session:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all events and the clock, so that the next event may be of another recording."""
+        """Forget all events and the clock, so that another recording may follow."""
         self._clock: int | None = None
         self._forget()
 
@@ -414,11 +429,13 @@ class Session:
 
         Args:
             events: events at or after the time of the previous ones; may be empty.
-            until_us: time up to which these are all events, us, so that moments without events are decided as well.
-                With None, only moments before the last event are decided, because more events of its time may follow.
+            until_us: time up to which no other events will follow, us. Moments up to this time are decided even without
+                events. With None, only moments before the last event are decided, because more events may follow at
+                the time of the last one.
 
         Returns:
-            The decision at each moment that passed, in order, however the stream is cut into parts.
+            The decision at each moment that passed, in order. The decisions do not depend on how the stream is divided
+            into parts.
 
         Raises:
             ModelError: time runs back, or the events do not fit the recogniser.

@@ -7,8 +7,8 @@ compute the evidence of all beginnings, and store it in files of a hundred recor
 
 ```
 /                  attribute: format
-/K/NAME/values     an array of all recordings at moment K, concatenated
-/K/NAME/shape      (recordings, dimensions) shape of each
+/K/NAME/values     values of the array NAME of all recordings at moment K, concatenated
+/K/NAME/shape      (recordings, dimensions) shape of the array in each recording
 ```
 """
 
@@ -40,7 +40,7 @@ IN_FILE = 100
 
 
 def seen_until(method: Method, recording: Sample, times_us: Ints) -> list[Evidence]:
-    """Return the evidence of a recording up to each time; errors: see `seen_of`."""
+    """Return the evidence of a recording up to each time, us after its first event. Errors: see `seen_of`."""
     return seen_of(recording, lambda events: method.observe_until(events, times_us.tolist()))
 
 
@@ -60,7 +60,7 @@ class Beginnings:
         self._folder = folder
 
     def look(self) -> Iterator[int]:
-        """Compute the missing files; yield the number of finished recordings after each file.
+        """Compute the missing files. After each file, yield the number of finished recordings.
 
         Raises:
             EventFileError: a recording is damaged.
@@ -76,7 +76,7 @@ class Beginnings:
 
     def at(self, moment: int) -> Features:
         """Load the evidence of all recordings at a moment into memory."""
-        evidence = [one for file in self._files for one in _read(file, moment)]
+        evidence = [item for file in self._files for item in _read(file, moment)]
         return Features(evidence, self._data.labels, tuple(item.name for item in self._data), self._data.classes)
 
     def remove(self) -> None:
@@ -108,8 +108,8 @@ AT_ONCE = 40
 
 
 Decided = tuple[tuple[Any, Any], Floats, Learnt]
-"""Result of a step: an index into an array (recordings, moments), the scores of all classes at this index, and what was
-learnt for the moment. Without separate trainings the last is empty."""
+"""Result of a step: an index into an array (recordings, moments), the scores of all classes at this index, and the
+training result for the moment, which is empty without separate trainings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,11 +119,11 @@ class HeldOut:
     Attributes:
         recogniser: recogniser that was trained on whole recordings.
         data: recordings for the cross-validation.
-        fingerprint: fingerprint of their contents.
+        fingerprint: fingerprint of the contents of `data`.
         times: durations of the beginnings, us.
-        folds: for each fold, the indices to learn from and to decide on.
+        folds: for each fold, the indices of the recordings to learn from, and of the recordings to decide on.
         backend: backend that scores recordings; trainings use the backend of the recogniser's training.
-        base: path whose name prefixes the names of intermediate files.
+        base: path of which the names of intermediate files begin with the name.
         cache: folder for evidence of whole recordings; None uses the user's cache.
         report: function that is called with the progress.
     """
@@ -150,7 +150,7 @@ class HeldOut:
 
     @cached_property
     def steps(self) -> list[tuple[int, Ints]]:
-        """The steps: a moment with all recordings, or a fold with some of its held-out recordings."""
+        """The steps as pairs: a moment and all recordings, or a fold and some of its held-out recordings."""
         if self.recogniser.method.by_moment:
             return [(moment, np.arange(len(self.data))) for moment in range(len(self.times))]
         return [
@@ -249,12 +249,12 @@ def learn_early(
 
     Args:
         recogniser: recogniser that was trained on whole recordings.
-        data: labelled recordings of the same classes, best those of the training.
+        data: labelled recordings of the same classes, preferably the recordings of the training.
         every_ms: time between moments, ms, up to the end of the longest recording.
         folds: number of folds; a training on all other folds decides on each fold.
         backend: backend that scores recordings; trainings of folds use the backend of the recogniser's training.
-        out: file for the recogniser, which may be its present one. Checkpoints are stored beside it: the same call
-            resumes an interrupted run and gives the same bits.
+        out: file for the recogniser, which may be the file that it was loaded from. Checkpoints are stored beside this
+            file. The same call resumes an interrupted run and gives the same bits.
         cache: folder for evidence of the recordings; None uses the user's cache.
         report: function that is called with the progress.
 
@@ -289,7 +289,7 @@ def learn_early(
 
 
 def moments(data: Recordings, every_ms: float) -> Ints:
-    """Return the moments, (moments,) us after the first event: every `every_ms` up to the end of the longest recording.
+    """Return a moment every `every_ms` up to the end of the longest recording, (moments,) us after the first event.
 
     Raises:
         ModelError: there are more than 200, or the interval is not above 0.

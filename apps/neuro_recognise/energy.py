@@ -1,4 +1,4 @@
-"""Energy of a decision on chips, per recording: bills, a table, and the assumptions and sources of the figures."""
+"""Energy of a recogniser's network on chips, per recording: bills, a table, assumptions, and sources of figures."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Priced:
     Attributes:
         run: run of the network, on any backend.
         recordings: number of recordings in the run.
-        bills: bill of one recording, by target.
-        refused: reason why a target cannot run the network, by target.
+        bills: bill of one recording, by the name of the target.
+        refused: reason why a target cannot run the network, by the name of the target.
     """
 
     run: Run
@@ -57,7 +57,7 @@ def price(
         host: operations outside of the network, see `Answer`.
 
     Raises:
-        ModelError: there is no such target, or its costs are not published.
+        ModelError: there is no such target, or no costs of the target are published.
     """
     sim, trials = run
     from neuro.chips import chip, place, price as of_counts
@@ -78,7 +78,10 @@ def price(
 
 
 def refusal(sim: neuro.Simulation, target: str) -> str:
-    """Return the first reason why a chip cannot run a network, or "" if it can or if its arithmetic is not modelled."""
+    """Return the first reason why a chip cannot run a network.
+
+    The reason is "" if the chip can run the network, or if the arithmetic of the chip is not modelled.
+    """
     from neuro.chips import chip, quantise
 
     limits = chip(target)
@@ -95,8 +98,8 @@ def check_targets(recogniser: Recogniser, targets: Iterable[str]) -> None:
     """Check the targets before the network is run.
 
     Raises:
-        ModelError: the recogniser has no network, there is no such target, the network does not fit on it, or no costs
-            of it are published.
+        ModelError: the recogniser has no network, there is no such target, the network does not fit on the
+            target, or no costs of the target are published.
     """
     net = recogniser.network()
     if net is None:
@@ -141,7 +144,7 @@ def counted(priced: Priced) -> dict[str, float]:
 
 
 def notes(priced: Priced) -> list[str]:
-    """Return the parts that bills do not include, and the energy of dense layers if they ran once per frame."""
+    """Return notes on the bills: the parts not included, and the energy of dense layers if they ran once per frame."""
     _, trials = priced.run
     costs = {name: bill.by_cost() for name, bill in priced.bills.items()}
     dense = {name: chip_costs["mac"] for name, chip_costs in costs.items() if "mac" in chip_costs}

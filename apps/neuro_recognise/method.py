@@ -37,7 +37,7 @@ SPLITS = "chosen on the same splits of N-MNIST's training recordings as its accu
 
 
 Learnt: TypeAlias = Mapping[str, Array | str]
-"""Result of a training: arrays and texts by name. Together with the settings they suffice to compute scores."""
+"""Result of a training: arrays and texts by name. The result and the settings suffice to compute scores."""
 
 Run: TypeAlias = "tuple[neuro.Simulation, neuro.TrialCounts]"
 """A simulation of a network, and the operations counted in its trials."""
@@ -104,12 +104,13 @@ class Answer:
     Attributes:
         scores: (recordings, classes), larger for a more likely class. A row is all NaN if there is no evidence for any
             class.
-        votes: scores of other decision rules on the same evidence, by name. They include `scores`.
+        votes: (recordings, classes) scores of each decision rule on the same evidence, by the name of the rule. They
+            include `scores`.
         run: function that returns the run of the network on the same recordings, for the bill; None without a network.
-            A method that scores with less than its whole network simulates the rest only in this call.
+            A method that needs only a part of its network for the scores simulates the rest in this call.
         neurons_per_core: limit of neurons per core of a chip, for the bill; None for the chip's own limit.
-        duration_s: total duration of the recordings, s, for bills in real time. It is set where simulated time differs
-            from recorded time, e.g. a fixed number of steps per frame; None where both are equal.
+        duration_s: total duration of the recordings, s, for bills in real time. It is set if simulated time differs
+            from recorded time, e.g. with a fixed number of steps per frame; None if both are equal.
         host: operations outside of the network, for the bill.
     """
 
@@ -148,22 +149,22 @@ class FrontEndPart(Part):
     """Base of the parts of a front end, which the host computes."""
 
     def work(self, size: FrameSize) -> Works:
-        """Return the operations by the unit of a use: an event, a frame, or a pixel that has events in a frame.
+        """Return the operations for each unit of use: an event, a frame, or a pixel that has events in a frame.
 
-        Parts without a count leave the total of a bill open.
+        The operations are None for a part that does not count them. The total of the bill is then incomplete.
         """
         return {"frame": None}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pictures:
-    """Images over time. Each is shown until the time of the next.
+    """Images over time. Each image is shown until the time of the next one.
 
     Attributes:
         name: title of the images.
         at_ms: (images,) times since the first event, ms, ascending.
-        images: (images, rows, columns), values >= 0; all share one colour scale.
-        captions: one for each image; () for none.
+        images: (images, rows, columns) values >= 0; all images share one colour scale.
+        captions: a caption for each image; () for none.
     """
 
     name: str
@@ -174,17 +175,17 @@ class Pictures:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialView:
-    """Spikes of a network's trials over time. Each trial is shown until the time of the next.
+    """Spikes of a network's trials over time. Each trial is shown until the time of the next one.
 
     Attributes:
         name: title of the spikes, e.g. "input spikes of each frame".
         at_ms: (trials,) times since the first event of the recording, ms, ascending.
         length_ms: duration of a trial, ms.
         size: number of neurons.
-        offsets: (trials + 1,) trial i has ``times[offsets[i]:offsets[i + 1]]``.
+        offsets: (trials + 1,) indices; the spikes of trial i are at ``times[offsets[i]:offsets[i + 1]]``.
         times: (spikes,) times since the beginning of the trial, ms.
         ids: (spikes,) indices of the neurons.
-        captions: one for each trial, e.g. the winner; () for none.
+        captions: a caption for each trial, e.g. the winner; () for none.
         bands: names of groups of equally many neurons, in the order of their ids; () for none.
     """
 
@@ -214,11 +215,11 @@ class Method(Settings):
         title: description in one line.
         source: publication or page that describes the method.
         needs: optional dependency (extra) that training needs, "" for none.
-        spikes: whether the method is a spiking network, which has a bill on chips.
+        spikes: whether the method has a spiking network, so that its energy on chips can be computed.
         changeable: settings that may be changed after training, because `Learnt` is valid for any of their values.
-        by_moment: whether deciding early needs a separate training for each duration, because the evidence of a
-            beginning differs from that of a whole recording.
-        unobserved: settings that evidence does not depend on, e.g. those of learning.
+        by_moment: whether deciding early needs a separate training for each duration, because evidence of the beginning
+            of a recording differs from evidence of the whole recording.
+        unobserved: settings that evidence does not depend on, e.g. settings of the training.
         presets: named sets of settings that differ from the defaults.
         measured: accuracy by data set, as text; docs/reference/recognisers.md has the commands.
     """
@@ -261,7 +262,7 @@ class Method(Settings):
         return self.changed(self.presets[name])
 
     def fitting(self, size: tuple[int, int]) -> Self:
-        """Return these settings with the values that follow from the sensor filled in.
+        """Return a copy of the settings in which values that follow from the sensor are filled in.
 
         Args:
             size: width and height of the sensor, px.
@@ -332,7 +333,7 @@ class Method(Settings):
 
     @abstractmethod
     def observe(self, events: Events) -> Evidence:
-        """Compute the evidence of a recording; independent of training.
+        """Compute the evidence of a recording. The evidence does not depend on the training.
 
         Raises:
             ModelError: the recording does not fit the settings.
@@ -355,14 +356,14 @@ class Method(Settings):
         return evidence
 
     def observer(self) -> Observer:
-        """Return a new observer. Methods that can update their evidence incrementally override this."""
+        """Return a new observer. A method that can update its evidence incrementally overrides this function."""
         return Whole(self.observe, self.size)
 
     def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
         """Return intermediate results over time, e.g. frames or spikes, for `neuro recognise watch`; none by default.
 
         Args:
-            events: the recording, at least one event.
+            events: the recording, with at least one event.
             learnt: result of `fit`.
             classes: names of the classes.
         """
@@ -391,7 +392,7 @@ class Method(Settings):
         return partial(self.answer, learnt, backend=backend)
 
     def network(self, learnt: Learnt) -> neuro.Network | None:
-        """Return the learnt network, None for a method without one."""
+        """Return the learnt network; None for a method without a network."""
         return None
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
@@ -400,7 +401,11 @@ class Method(Settings):
 
 
 def choose(scores: Floats) -> Ints:
-    """Return the class with the largest score of each row, `SILENT` for a row of NaN."""
+    """Return the class with the largest score in each row, (rows,); `SILENT` for a row of NaN.
+
+    Args:
+        scores: (rows, classes).
+    """
     silent = np.isnan(scores).all(axis=1)
     return np.where(silent, SILENT, np.where(np.isnan(scores), -np.inf, scores).argmax(axis=1))
 
@@ -453,7 +458,7 @@ class Whole(Observer):
 
 
 class Grows(Protocol):
-    """A description that is updated with each event."""
+    """A description of events, e.g. histograms, that is updated with each event."""
 
     def add(self, events: Events) -> None:
         """Add the next events."""
@@ -463,11 +468,11 @@ class Grows(Protocol):
 
 
 class Growing(Observer):
-    """Updates a description incrementally: each call costs time for the new events only, not for all events.
+    """Updates a description incrementally, so that a call of `add` processes only the new events.
 
     Args:
         field: the method, whose field selects the events.
-        description: description without events; its values become the evidence "vector".
+        description: description that has no events yet; its values become the evidence "vector".
     """
 
     def __init__(self, field: Method, description: Grows) -> None:

@@ -1,4 +1,4 @@
-"""Trained recognisers: training, prediction and files, and the check that a training is the same as an earlier one."""
+"""Trained recognisers: training, prediction, files, and a check whether a training equals the one in a file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ REPLACE = "give another name, or --force (in Python replace=True) to replace it"
 
 
 def settled(method: Method, data: Recordings) -> Method:
-    """Return a method with all settings filled in that follow from the training data.
+    """Return a method in which the settings that follow from the training data are filled in.
 
     Raises:
         EventFileError: see `field_of`.
@@ -45,7 +45,7 @@ def field_of(data: Recordings) -> tuple[int, int]:
     """Return width and height of the field that covers all training recordings, px.
 
     Raises:
-        EventFileError: there are no recordings, all have the same class, or one is damaged.
+        EventFileError: there are no recordings, all have the same class, or a recording is damaged.
     """
     labels = set(data.labels.tolist()) - {UNKNOWN}
     if len(labels) < 2:
@@ -62,7 +62,7 @@ def digest_of(fingerprint: str) -> str:
 
 
 def training_record(method: Method, digest: str, recordings: int, seed: int, backend: str) -> dict[str, Any]:
-    """Return the conditions of a training other than its settings."""
+    """Return the conditions of a training, without the settings of the method."""
     return {"seed": seed, "backend": backend, "data": digest, "recordings": recordings, "code": code_of(method)}
 
 
@@ -72,10 +72,10 @@ def check_same(out: Path, there: tuple[Method, Training], now: tuple[Method, Tra
     Args:
         out: file of the recogniser.
         there: method and training of the recogniser in the file.
-        now: method and training of the new one.
+        now: method and training of the new recogniser.
 
     Raises:
-        ModelError: a value differs; the message names the first.
+        ModelError: a value differs; the message names the first value that differs.
     """
     before, after = ({"method": m.called(), **m.as_words(), **training} for m, training in (there, now))
     for name in before | after:
@@ -88,7 +88,7 @@ def check_same(out: Path, there: tuple[Method, Training], now: tuple[Method, Tra
 
 
 AT_MOST = 4
-"""Largest number of prepared functions in `Ready`; the least recently used is dropped first."""
+"""Largest number of prepared functions in `Ready`; the least recently used function is dropped first."""
 
 Ask: TypeAlias = Callable[[Features], Answer]
 
@@ -103,7 +103,9 @@ class Ready:
         self._askers: OrderedDict[tuple[int, str], tuple[Learnt, Ask]] = OrderedDict()
 
     def asker(self, method: Method, learnt: Learnt, backend: str) -> Ask:
-        """Return the cached `Method.asker`, or create it. A training result must always come with the same method.
+        """Return the cached result of `Method.asker`, or create it.
+
+        The cache does not compare methods, so a training result must always be passed with the same method.
 
         Raises:
             ModelError: the method cannot run on the backend.
@@ -131,7 +133,7 @@ class Recogniser:
     """A trained recogniser: method, classes and everything that was learnt.
 
     Attributes:
-        method: settings of the training, including those that followed from the recordings.
+        method: the method with its settings, including settings that followed from the training recordings.
         classes: names of the classes.
         learnt: arrays and texts by name.
         training: conditions of the training: seed, backend, number and hash of the recordings.
@@ -149,11 +151,11 @@ class Recogniser:
         """Compute the score of each class.
 
         Args:
-            recordings: a data set, several recordings, or one.
+            recordings: a data set, several recordings, or a single recording.
             backend: backend that runs networks.
 
         Returns:
-            (recordings, classes), larger for a more likely class. A row without evidence for any class is all NaN.
+            (recordings, classes) scores, larger for a more likely class. A row without evidence is all NaN.
 
         Raises:
             EventFileError: a recording is damaged.
@@ -174,8 +176,8 @@ class Recogniser:
             backend: backend that runs networks.
 
         Returns:
-            (times, classes), see `scores`. Events after a time do not affect its row. If `learn_early` trained on
-            beginnings separately, each row uses the training for its duration.
+            (times, classes) scores, see `scores`. Row i depends only on events up to time i. If `learn_early` trained
+            on beginnings separately, each row uses the training for its duration.
 
         Raises:
             ModelError: a time is negative, the times are not ascending, or the recording does not fit the method.
@@ -194,7 +196,7 @@ class Recogniser:
         """Return a recogniser with other settings and the same `learnt`, but without the result of `learn_early`.
 
         Args:
-            values: settings by name, those in `Method.changeable`. E.g. a network that learnt from some of the
+            values: new values of settings in `Method.changeable`, by name. E.g. a network that learnt from some of the
                 frames can be tested on other frames.
 
         Raises:
@@ -212,7 +214,7 @@ class Recogniser:
         return with_changes(self, method=method, early=None) if new != old else self
 
     def learnt_at(self, after_us: int) -> Learnt:
-        """Return the training result that scores the first `after_us` of a recording."""
+        """Return the training result to use for the first `after_us` us of a recording."""
         return self.early.at(after_us) or self.learnt if self.early else self.learnt
 
     def session(
@@ -255,7 +257,7 @@ class Recogniser:
         return Session(self.method.observer, self._scores_after(backend), interval, window, gap, held_out, rule)
 
     def _scores_after(self, backend: str) -> Callable[[int, Evidence], Floats]:
-        """Return a function from the time after the first event, us, and the evidence to the scores, (classes,)."""
+        """Return a function that computes scores, (classes,), from the time since the first event, us, and evidence."""
 
         def ask(after_us: int, evidence: Evidence) -> Floats:
             features = unlabelled([evidence], self.classes)
@@ -270,7 +272,7 @@ class Recogniser:
         return self.answer_shown(self.shown(recordings), backend)
 
     def answer_shown(self, features: Features, backend: str = "event") -> Answer:
-        """Return the answer for evidence that `shown` computed; without recordings, an empty array of scores."""
+        """Return the answer for evidence that `shown` computed. Without recordings, the scores are an empty array."""
         ask = self._cache.asker(self.method, self.learnt, backend)
         return ask(features) if len(features) else Answer(np.empty((0, len(self.classes))))
 
@@ -282,11 +284,11 @@ class Recogniser:
         return observed(self.method, several, self.classes)
 
     def network(self) -> neuro.Network | None:
-        """Return the learnt network, None for a method without one."""
+        """Return the learnt network; None for a method without a network."""
         return self.method.network(self.learnt)
 
     def save(self, path: Path) -> None:
-        """Write a file. An existing recogniser of that name is replaced.
+        """Write the recogniser to a file. An existing recogniser of that name is replaced.
 
         ```
         /            attributes: format "neuro recogniser 1", method, settings and training (JSON), and the versions of
@@ -315,7 +317,7 @@ class Recogniser:
 
     @classmethod
     def load(cls, path: Path) -> Recogniser:
-        """Read a file.
+        """Read a recogniser from a file.
 
         Raises:
             ModelError: the file is missing, damaged or no recogniser, or its method is not installed.
@@ -359,7 +361,7 @@ def fit(
     Raises:
         ModelError: a setting or the backend is wrong, a recording does not fit, there is nothing to learn, or `out`
             belongs to a different training.
-        EventFileError: a recording is damaged, or all are of one class.
+        EventFileError: a recording is damaged, or all recordings are of one class.
     """
     chosen = method if isinstance(method, Method) else method_of(method)
     chosen.check_backend(backend)
@@ -388,9 +390,9 @@ def learn(
     """Train on evidence that was computed before.
 
     Args:
-        method: method with all settings that follow from the sensor filled in.
+        method: method in which the settings that follow from the sensor are filled in.
         features: evidence of the recordings.
-        digest: hash of the recordings.
+        digest: hash of the recordings, see `digest_of`.
         seed: seed of all random numbers.
         backend: backend that runs networks.
         out: see `fit`.

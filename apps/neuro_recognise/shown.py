@@ -1,4 +1,4 @@
-"""Evidence of recordings: the named arrays that a method computes from the events of each, with labels."""
+"""Evidence of recordings, with labels. Evidence is named arrays that a method computes from a recording's events."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Ragged:
 
     Attributes:
         values: values of all recordings.
-        offsets: (recordings + 1,) recording i has ``values[offsets[i]:offsets[i + 1]]``.
+        offsets: (recordings + 1,) indices; the values of recording i are ``values[offsets[i]:offsets[i + 1]]``.
     """
 
     values: Array
@@ -90,19 +90,19 @@ class Features:
             yield self.take(range(first, min(first + size, len(self))))
 
     def column(self, name: str) -> Ragged:
-        """Load one array of every recording into memory and concatenate these arrays."""
+        """Load the array `name` of every recording into memory, and concatenate these arrays."""
         parts = [item[name] for item in self.evidence]
         lengths = [len(part) for part in parts]
         values = np.concatenate(parts) if parts else np.empty(0)
         return Ragged(values, np.concatenate(([0], np.cumsum(lengths, dtype=np.int64))).astype(np.int64))
 
     def duration_s(self) -> float | None:
-        """Return the total duration of the recordings, s, from ``lasts`` (us); None if one has no ``lasts``."""
+        """Return the sum of ``lasts`` (us) over the recordings, in s; None if a recording has no ``lasts``."""
         total = self.total("lasts")
         return None if total is None else total * 1e-6
 
     def total(self, name: str) -> float | None:
-        """Return the sum of an array over all recordings; None if a recording lacks the array."""
+        """Return the sum of the array `name` over all recordings; None if a recording lacks the array."""
         return float(self.column(name).values.sum()) if all(name in item for item in self.evidence) else None
 
     def stacked(self, name: str) -> Array:

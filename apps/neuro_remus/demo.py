@@ -25,7 +25,7 @@ from neuro_remus.saccades import make_dataset
 
 N_TRAIN, N_TEST = 1500, 500
 SEED = 0
-"""Seed of the recordings on which the network beside ReMuS was trained."""
+"""Seed of the generated recordings on which the shipped network was trained."""
 FIGURES = sealed("the figures of 'neuro remus demo'", f'"format": "{report.FORMAT}"', ', "digest": "{}"')
 BILLS = sealed("the bills of 'neuro remus demo'", f'"format": "{energy.FORMAT}"', ', "digest": "{}"')
 
@@ -77,7 +77,7 @@ def run(data: Path | None, out: Path, seed: int) -> None:
 
 
 def _show_beside(learning: Recordings, unseen: Recordings, out: Path, results: dict[str, tuple[Tried, Priced]]) -> None:
-    """Test the network that was trained by gradients on these recordings, and compare."""
+    """Test the shipped network, which was trained by gradients on these recordings, and compare it with ReMuS."""
     name = "by gradients"
     print(f"\nthe same {len(unseen)} recordings with a shipped network, trained {name} on the {len(learning)}\n")
     recogniser = trained_by_gradients(learning, SEED)
@@ -89,9 +89,9 @@ def _show_beside(learning: Recordings, unseen: Recordings, out: Path, results: d
 
 
 def halves(data: Path, seed: int) -> tuple[Recordings, Recordings]:
-    """Return at most `N_TRAIN` recordings to learn from and at most `N_TEST` others, with classes in equal shares.
+    """Return at most `N_TRAIN` recordings to learn from, and at most `N_TEST` others to test on.
 
-    Without folders Train and Test, a quarter of the data is for the test.
+    Classes have equal shares as far as possible. Without folders Train and Test, a quarter of the data is used to test.
     """
     learning = recordings(data, part="Train")
     unseen = recordings(data, part="Test", classes=learning.classes)
@@ -123,8 +123,8 @@ def trained_by_gradients(data: Recordings, seed: int) -> Recogniser:
     training.
 
     Args:
-        data: the recordings of its training.
-        seed: seed of the recordings.
+        data: recordings that the network was trained on.
+        seed: seed of these recordings.
     """
     net = neuro.load(path("demo_digits"))
     method = Dense(size=(34, 34), hidden=int(net.populations["hidden"].shape[0]))
@@ -132,10 +132,10 @@ def trained_by_gradients(data: Recordings, seed: int) -> Recogniser:
 
 
 def show_beside_each_other(results: Mapping[str, tuple[Tried, Priced]]) -> None:
-    """Print accuracy and energy of each recogniser, one row each.
+    """Print a table of accuracy and energy with a row for each recogniser.
 
     Args:
-        results: test results and bills by name.
+        results: test result and bills of each recogniser, by name.
     """
     heads = ("recogniser", ">accuracy", ">95 % interval", *COLUMNS)
     rows = []
@@ -160,7 +160,7 @@ def write_page(path: Path, recogniser: Recogniser, results: Mapping[str, tuple[T
     Args:
         path: path of the page.
         recogniser: the trained recogniser.
-        results: test results and bills by name; the first is the recogniser's own.
+        results: test result and bills of each recogniser, by name; the first entry belongs to `recogniser`.
 
     Raises:
         Unwritable: the page cannot be written, or another file has its name.

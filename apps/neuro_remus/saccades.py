@@ -1,4 +1,4 @@
-"""Recordings of digit images that an event camera sees moving in three saccades, as N-MNIST was recorded."""
+"""Simulated event-camera recordings of digit images that move in three saccades, as in N-MNIST."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Saccades:
 
     Attributes:
         sensor_size: width and height of the sensor, px, as in N-MNIST.
-        corners: (x, y) of the image's top left pixel at the ends of the three saccades, px on the sensor, y downwards:
-            an isosceles triangle apart from errors of the motors.
+        corners: (x, y) of the image's top left pixel at the ends of the three saccades, px on the sensor, y downwards.
+            They form an isosceles triangle, except for errors of the motors.
         period: time from the start of one saccade to the start of the next, ms.
         moving: share of a period in which the image moves, with sine-shaped velocity.
         jitter: standard deviation of the triangle's position over recordings, px.
@@ -37,8 +37,8 @@ class Saccades:
         gamma: gamma of the monitor; light = (grey / 255) ** gamma.
         scale: size of a screen pixel on the sensor, px.
         blur: standard deviation of the point spread of lens and pixel, px.
-        camera: parameters of the pixels, set so that recordings resemble N-MNIST's in number of events, share of ON,
-            times between events of a pixel, and noise outside the digit.
+        camera: parameters of the pixels. They were chosen so that recordings resemble N-MNIST in the number of events,
+            the share of ON events, the times between events of a pixel, and the noise outside the digit.
 
     Source: Orchard et al., Front. Neurosci. 9:437, 2015 (three saccades of 100 ms, an isosceles triangle). Corners and
         times are measured on N-MNIST's recordings.
@@ -71,7 +71,7 @@ class Saccades:
         """Return the position of the image over time.
 
         Returns:
-            (images,) times, us; (images, 2) x and y of its top left pixel, px.
+            (images,) times, us; (images, 2) x and y of the image's top left pixel at these times, px.
         """
         ends = np.array([*self.corners, self.corners[0]])
         n = len(self.corners)
@@ -103,7 +103,15 @@ class Saccades:
 
 
 def _optics(places: Floats, scale: float, blur: float, screen: int, sensor: int) -> Floats:
-    """Return the weights (n, sensor, screen) of screen row j in sensor row i, for n positions of screen row 0."""
+    """Return the weights (n, sensor, screen): element [k, i, j] weights screen row j in sensor row i.
+
+    Args:
+        places: (n,) position of screen row 0 on the sensor, px.
+        scale: size of a screen pixel on the sensor, px.
+        blur: standard deviation of the point spread, px.
+        screen: number of screen rows.
+        sensor: number of sensor rows.
+    """
     distance = np.arange(sensor)[:, None] - scale * np.arange(screen) - places[:, None, None]
     weight: Floats = np.exp(-0.5 * (distance / blur) ** 2) * (scale / (blur * np.sqrt(2 * np.pi)))
     return weight
@@ -125,17 +133,17 @@ def make_dataset(
 ) -> Path:
     """Make a data set in N-MNIST's layout: ``Train/<digit>/<index>.bin`` and ``Test/<digit>/<index>.bin``.
 
-    No image is used twice, and all digits are equally frequent; if the number is not divisible by ten, the first digits
-    occur once more. A second call makes only the missing recordings. A file gets its name when it is complete, so a
-    killed run leaves no damaged file.
+    No image is used twice, and all digits are equally frequent. If the number of recordings is not divisible by ten,
+    the first digits occur once more. A second call makes only the missing recordings. A file gets its name when it is
+    complete, so a killed run leaves no damaged file.
 
     Args:
         folder: folder of the data set; made if missing.
         n_train: number of recordings to train on.
         n_test: number of recordings to test on.
-        seed: seed of the choice of images and of the cameras.
-        workers: number of processes; None is one per core.
-        saccades: monitor, motion and camera; None is the default.
+        seed: seed of the choice of images, the positions and the cameras.
+        workers: number of processes; None for one per core.
+        saccades: monitor, motion and camera; None for the default.
         progress: whether to show a progress bar.
 
     Returns:
@@ -157,8 +165,8 @@ def make_dataset(
     images, labels = mnist_5k()
     plan = list(_plan(folder, labels, n_train, n_test, seed))
     jobs = [(file, images[k], saccades, seed * len(images) + k) for file, k in plan if not file.exists()]
-    for file in {job[0].parent for job in jobs}:
-        file.mkdir(parents=True, exist_ok=True)
+    for class_folder in {job[0].parent for job in jobs}:
+        class_folder.mkdir(parents=True, exist_ok=True)
     _run(jobs, len(plan), workers or cores(), progress)
     return folder
 
@@ -167,7 +175,7 @@ Job = tuple[Path, npt.NDArray[np.uint8], Saccades, int]
 
 
 def _run(jobs: list[Job], total: int, workers: int, progress: bool) -> None:
-    """Record the missing ones of `total` recordings."""
+    """Make the recordings of `jobs`. The others of the `total` recordings exist already."""
     existing = total - len(jobs)
     finished = count(existing + 1)
     with Bar() if progress else nullcontext() as bar:
@@ -191,7 +199,7 @@ def _record(job: Job, report: Callable[[None], None]) -> None:
 def _plan(
     folder: Path, labels: npt.NDArray[np.int64], n_train: int, n_test: int, seed: int
 ) -> Iterator[tuple[Path, int]]:
-    """Yield each file with the index of its image."""
+    """Yield the path of each recording and the index of its image."""
     rng = np.random.default_rng([seed, 3])
     digits = np.unique(labels)
     pools = [rng.permutation(np.flatnonzero(labels == digit)) for digit in digits]

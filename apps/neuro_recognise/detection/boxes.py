@@ -5,8 +5,8 @@ start_us,stop_us,identity,class,score,left,top,right,bottom
 0,100000,0,7,1,12.0,30.5,31.0,52.0
 ```
 
-A box includes the columns from `left` up to but not including `right`, and rows in the same way, so one pixel is a box
-of 1 by 1 px.
+A box includes the columns from `left` up to but not including `right`, and the rows from `top` up to but not including
+`bottom`. The box of a single pixel therefore has 1 by 1 px.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ COLUMNS = ("start_us", "stop_us", "identity", "class", "score", "left", "top", "
 """Columns of the file."""
 
 JUST = 0.1
-"""Smallest overlap of two spans, as a share of the shorter; spans that overlap less count as separate."""
+"""Smallest overlap of two spans, as a share of the shorter span; spans that overlap less count as separate."""
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Colours of identities, in turn: Okabe and Ito's palette for colour-blind readers."""
+"""Colours of identities; identity i has the colour i modulo 6. Okabe and Ito's palette for colour-blind readers."""
 UNKNOWN = -1
 """The label of a box without evidence for any class."""
 
@@ -49,11 +49,11 @@ class Boxes:
     """Boxes, one per row; an object has one box in each span of time in which it is visible.
 
     Attributes:
-        start: (n,) first us of the span.
-        stop: (n,) us after the last of the span.
+        start: (n,) start of the span, us.
+        stop: (n,) end of the span, us; the span does not include it.
         identity: (n,) index of the object or the track, constant over time.
         label: (n,) index of the class, -1 if unknown.
-        score: (n,) confidence of the label, larger is surer; 1 for true boxes.
+        score: (n,) confidence of the label, larger for a surer label; 1 for true boxes.
         box: (n, 4) left, top, right and bottom, px.
     """
 
@@ -81,14 +81,14 @@ class Boxes:
         return Boxes(*(getattr(self, field.name)[index] for field in fields(self)))
 
     def spans(self) -> Ints:
-        """Return start and stop of all spans in the order of time, (spans, 2)."""
+        """Return start and stop of all spans, us, in the order of time, (spans, 2)."""
         return np.unique(np.stack([self.start, self.stop], axis=1), axis=0)
 
     def within(self, start: int, stop: int) -> Boxes:
-        """Return one box for each identity between two times, us: the mean of its boxes, weighted by shared time.
+        """Return one box for each identity that is visible between two times, us.
 
-        Label and score are those of the box that shares the most time. A box whose span overlaps the interval only
-        slightly (`JUST`) is ignored.
+        The box is the mean of the identity's boxes, weighted by the time that they share with the interval. Label and
+        score are those of the box that shares the most time. A box that shares less than `JUST` is ignored.
         """
         shared = np.minimum(self.stop, stop) - np.maximum(self.start, start)
         visible = shared > JUST * np.minimum(self.stop - self.start, stop - start)
@@ -102,7 +102,7 @@ class Boxes:
 
 
 def iou(a: Floats, b: Floats) -> Floats:
-    """Return intersection over union of boxes (n, 4) and (m, 4), (n, m); 0 if both are empty.
+    """Return the intersection over union of n and m boxes, (n, 4) and (m, 4), as an (n, m) array; 0 if both are empty.
 
     E.g. boxes (0, 0, 2, 2) and (1, 0, 3, 2) share 2 of 6 px, so their IoU is 1/3.
     """
@@ -130,7 +130,7 @@ def suppressed(box: Floats, score: Floats, most: float) -> Ints:
 
 
 def write_boxes(path: Path, boxes: Boxes, classes: Sequence[str]) -> None:
-    """Write a table, and replace an existing one; an unknown class is an empty field.
+    """Write a table of boxes, and replace an existing table. An unknown class is an empty field.
 
     Raises:
         Unwritable: the name belongs to another kind of file, or the file cannot be written.
@@ -146,7 +146,7 @@ def write_boxes(path: Path, boxes: Boxes, classes: Sequence[str]) -> None:
 
 
 def read_boxes(path: Path, classes: Sequence[str]) -> Boxes:
-    """Read a table.
+    """Read a table of boxes.
 
     Args:
         path: the file.
@@ -208,7 +208,7 @@ def precision(pairs: Sequence[Pair], classes: int, at_least: float = AT_LEAST) -
     Args:
         pairs: true and detected boxes of each picture.
         classes: number of classes.
-        at_least: smallest IoU of a correct box.
+        at_least: smallest IoU of a correct box with its true box.
     """
     pairs_by_label = ([(a[a.label == label], b[b.label == label]) for a, b in pairs] for label in range(classes))
     precisions = tuple(_precision_of(label_pairs, at_least) for label_pairs in pairs_by_label)
@@ -219,11 +219,13 @@ def precision(pairs: Sequence[Pair], classes: int, at_least: float = AT_LEAST) -
 
 
 def average_precision(right: npt.NDArray[np.bool_], true: int) -> float:
-    """Return the area under the interpolated precision-recall curve: the best precision at each recall or a larger.
+    """Return the area under the interpolated precision-recall curve.
+
+    The interpolated precision at a recall is the largest precision at this or a larger recall.
 
     Args:
-        right: (n,) whether each box is correct, in descending order of score.
-        true: number of true boxes; without any, the result is NaN.
+        right: (n,) whether each detected box is correct, in descending order of score.
+        true: number of true boxes; if there are none, the result is NaN.
 
     Source: Everingham et al., The PASCAL Visual Object Classes Challenge 2012 development kit, section 3.4.1 (all
         points; the challenge used eleven before 2010).
@@ -295,7 +297,7 @@ def identity_switches(pairs: Sequence[Pair], at_least: float = AT_LEAST) -> Swit
 
 
 def _matched(true_boxes: Boxes, detections: Boxes, previous: dict[int, int], at_least: float) -> dict[int, int]:
-    """Return the detected identity of each true object in a picture."""
+    """Return the detected identity of each true object that has a match in a picture."""
     from scipy.optimize import linear_sum_assignment
 
     shared = iou(true_boxes.box, detections.box)

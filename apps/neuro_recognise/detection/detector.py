@@ -43,7 +43,7 @@ from neuro_recognise.shown import Floats, Ints
 
 @dataclass(frozen=True)
 class Tracking(Part):
-    """Assignment of regions to tracks that minimises the sum of distances between centres."""
+    """Assignment of regions to tracks with the smallest sum of distances from expected positions."""
 
     kind = "tracking"
     source = "Kuhn, Naval Research Logistics 2:83, 1955; linear_sum_assignment of scipy"
@@ -87,7 +87,7 @@ class Tracks:
     """All tracked objects.
 
     Attributes:
-        live: tracks that may be continued.
+        live: tracks that later detections may continue.
     """
 
     def __init__(self, tracking: Tracking) -> None:
@@ -100,7 +100,7 @@ class Tracks:
 
         Args:
             regions: regions of a segment.
-            t: centre of the segment in time, us.
+            t: time of the middle of the segment, us.
         """
         from scipy.optimize import linear_sum_assignment
 
@@ -124,7 +124,8 @@ class Tracks:
 
 
 Finder = Callable[[Events, Floats], list[Region]]
-"""Function from a segment's events, and event counts that may include earlier events, to its regions."""
+"""Function that returns the regions of a segment. Its arguments are the events of the segment and the event counts,
+(height, width), which may include earlier events."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,7 @@ class Detecting(Settings):
     """Settings of a detector.
 
     Attributes:
-        segmenter: rule that cuts the events into segments; objects are detected in each.
+        segmenter: rule that cuts the events into segments; objects are detected in each segment.
         proposals: rule that proposes regions of objects.
         dense: network that detects regions and classes together, for the way `dense`.
         tracking: rule that assigns identities from segment to segment.
@@ -160,8 +161,8 @@ class Seen:
     """A detection of an object in one segment.
 
     Attributes:
-        start: start of the segment, us.
-        stop: end of the segment, us, after its last event.
+        start: time of the first event of the segment, us.
+        stop: end of the segment, us, which is 1 us after its last event.
         number: identity of the object.
         region: region of the object.
     """
@@ -177,7 +178,7 @@ class Piece:
     """Successive detections of one object, whose events are classified together.
 
     Attributes:
-        seen: detections in the order of time.
+        detections: detections in the order of time.
     """
 
     detections: list[Seen] = field(default_factory=list)
@@ -198,7 +199,10 @@ class Piece:
 
 
 def pieces(events: Events, settings: Detecting, finder: Finder | None = None) -> list[Piece]:
-    """Detect objects in a whole recording, in pieces of at most `memory`; without a finder, use proposals."""
+    """Detect the objects of a whole recording, and divide the detections of each into pieces of at most `memory` ms.
+
+    Without a finder, proposals are used.
+    """
     view, latest = WindowView(settings, events.sensor_size, finder), dict[int, Piece]()
     result: list[Piece] = []
     for segment in (*view.segments(events), *view.rest()):
@@ -228,7 +232,7 @@ class WindowView:
 
     @property
     def live(self) -> set[int]:
-        """Identities of the objects whose tracks may be continued."""
+        """Identities of the objects that later detections may continue."""
         return {track.number for track in self._tracks.live}
 
     def segments(self, events: Events) -> Iterator[Events]:
@@ -244,7 +248,7 @@ class WindowView:
         yield from self._until(self._cutter.cuts(events.t))
 
     def rest(self) -> Iterator[Events]:
-        """End the stream: yield the segments that are complete then, and the remaining events."""
+        """End the stream: yield the segments that its end completes, and the remaining events as a last segment."""
         yield from self._until(self._cutter.end())
         if self._pending and len(pending := joined_parts(self._pending)):
             yield pending
@@ -274,9 +278,9 @@ class WindowView:
 
 
 def crop(regions: Sequence[Region], size: tuple[int, int], scale: float = 1.0) -> Events:
-    """Return the events of an object in some segments, without events of other objects, moved into a field.
+    """Return the events of one object in some segments, shifted into a field.
 
-    In each segment, the mean position of the events is moved to the centre of the field, which removes the motion
+    In each segment, the mean position of the events is shifted to the centre of the field. The shifts remove the motion
     between segments. A crop therefore differs from a recording of a static object, and a recogniser should learn from
     crops as well (`write_crops`).
 
@@ -297,7 +301,7 @@ def crop(regions: Sequence[Region], size: tuple[int, int], scale: float = 1.0) -
 
 
 WAYS = ("proposals", "dense")
-"""Ways of detection: regions first, which are then classified, or both together by a network over the whole sensor."""
+"""Ways of detection: `proposals` finds regions and then classifies them; the network of `dense` does both at once."""
 
 
 class Detector:
@@ -324,7 +328,7 @@ class Detector:
         self._known: dict[int, _Known] = {}
 
     def detect(self, events: Events) -> Boxes:
-        """Return all boxes of a recording; the class of an object follows from all its detections.
+        """Return all boxes of a recording. All detections of an object decide its class together.
 
         Args:
             events: the recording, of any sensor.
@@ -348,7 +352,7 @@ class Detector:
             events: events after the previous ones, of the same sensor.
 
         Returns:
-            A box for each object in each segment that became complete; the class of an object follows from its
+            A box for each object in each segment that became complete. The class of an object is decided from its
             detections so far.
 
         Raises:
@@ -418,18 +422,18 @@ class _Known:
         return self.latest
 
     def judge(self, piece: Piece, scores: Floats) -> None:
-        """Store the scores of a piece, and replace earlier ones."""
+        """Store the scores of a piece, and replace its earlier scores."""
         self.scores[piece.detections[0].start] = scores
 
     @property
     def total(self) -> Floats:
-        """(classes,) sum over all pieces with evidence; NaN without any."""
+        """(classes,) sum of the scores over all pieces with evidence; NaN if no piece has evidence."""
         finite = [scores for scores in self.scores.values() if not np.isnan(scores).all()]
         return np.sum(finite, axis=0) if finite else next(iter(self.scores.values()))
 
 
 def _row(detection: Seen, scores: Floats) -> tuple[int, int, int, int, float, Sequence[float]]:
-    """Return a row of boxes; its score is the best class's lead over the second, 0 without evidence."""
+    """Return a row of `Boxes`. The score is the lead of the best class over the second one, 0 without evidence."""
     label = UNKNOWN if np.isnan(scores).all() else int(np.nanargmax(scores))
     ordered = np.sort(scores[~np.isnan(scores)])
     lead = float(ordered[-1] - ordered[-2]) if len(ordered) > 1 else 0.0
@@ -437,7 +441,7 @@ def _row(detection: Seen, scores: Floats) -> tuple[int, int, int, int, float, Se
 
 
 def crops(scene: Scene, settings: Detecting, size: tuple[int, int]) -> Iterator[tuple[int, Events]]:
-    """Yield class and crop of each object that a detector finds in a scene, if it matches a true box.
+    """Yield class and crop of each piece of an object that a detector finds in a scene and that matches a true box.
 
     Args:
         scene: a scene with true boxes.
@@ -452,7 +456,7 @@ def crops(scene: Scene, settings: Detecting, size: tuple[int, int]) -> Iterator[
             labels += (
                 [int(true_boxes.label[overlaps.argmax()])] if len(true_boxes) and overlaps.max() >= AT_LEAST else []
             )
-        if labels:  # the class is that of most matching true boxes
+        if labels:  # the class that most matching true boxes have
             scale = settings.proposals.scale_of(piece.regions)
             yield int(np.bincount(labels).argmax()), crop(piece.regions, size, scale)
 
@@ -501,7 +505,7 @@ class DetectionTrial:
         precision: average precision of all boxes; each slice of a scene is a picture.
         switches: stability of identities over all scenes.
         ms: median processor time per scene, ms, without the first scene, during which kernels may compile.
-        pictures: true and detected boxes of each slice of a scene.
+        pictures: pairs of true and detected boxes, one for each slice of each scene.
     """
 
     scenes: int

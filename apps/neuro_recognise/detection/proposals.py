@@ -1,14 +1,14 @@
 """Regions of objects in a segment of events, by proposals, or by a network that slides over the whole sensor.
 
 Proposals: event counts are smoothed, and connected components of the foreground are cut and joined. Objects that touch
-form one component, and one object may form several. The decision is based on the size of objects: the cost of a
-grouping is smaller if the larger side of each of its boxes is closer to that of an object, and the cost of a cut grows
-with the events that it passes through. Both steps are greedy: the best cut is made as long as cuts reduce the cost,
-then the best join.
+form one component, and one object may form several components. The size of objects decides between cutting and joining.
+The larger side of each box is compared with the side of an object: the closer they are, the smaller the cost. A cut
+costs more if it passes through more events. Both steps are greedy: first the best cut is made until no cut reduces the
+cost, then the best join until no join reduces it.
 
 Dense: the learnt layer slides over the whole sensor as one network with several winners. Each winner represents a class
-and a position, and inhibits others around it. Winners of a segment's frames at the same position are one object, and
-its box contains the events there.
+and a position, and inhibits the neurons around it. Winners at about the same position in the frames of a segment are
+one object. Its box contains the events near this position.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.shown import Array, Floats, Ints
 
 ANGLES = np.pi * np.arange(8) / 8
-"""Directions perpendicular to which cuts are tried, rad."""
+"""Directions, rad. Cuts perpendicular to each are tried."""
 CHOSEN = "chosen on scenes of one fold of N-MNIST"
 FIELD = 1.5
 """Side of a field relative to that of its object: N-MNIST's digits have 23 of 34 px."""
@@ -41,7 +41,7 @@ class Region:
         events: events of the region.
         box: (4,) box of these events, px.
         centre: (2,) mean position of the events, px.
-        scores: (classes,) score of each class, if the detection gives scores, else None.
+        scores: (classes,) score of each class; None if the detection gives no scores, as with proposals.
     """
 
     events: Events
@@ -88,12 +88,12 @@ class Proposals(Part):
 
     @property
     def field(self) -> tuple[int, int]:
-        """Width and height of a field for a piece of an object of scale 1, with a margin, px."""
+        """Width and height of the field for the crop of an object of scale 1, with a margin, px."""
         side = round(FIELD * self.side)
         return side, side
 
     def scale_of(self, regions: Sequence[Region]) -> float:
-        """Return the scale that is closest to an object's size.
+        """Return the scale, one of `scales`, that is closest to an object's size.
 
         Args:
             regions: regions of the object in some segments.
@@ -102,10 +102,10 @@ class Proposals(Part):
         return min(self.scales, key=lambda scale: abs(np.log(larger / (self.side * scale))))
 
     def foreground(self, counts: Floats) -> tuple[Array, float]:
-        """Return which pixels are foreground, (height, width), and the mean of the background.
+        """Return a mask of the foreground pixels, (height, width), and the mean count of the background, events.
 
         Most pixels show background, so the median of the smoothed counts estimates its mean. Counts of independent
-        events have a variance equal to their mean, divided by the number of averaged pixels.
+        events have a variance equal to their mean. Averaging divides the variance by the number of averaged pixels.
         """
         from scipy.ndimage import uniform_filter
 
@@ -128,7 +128,7 @@ class Proposals(Part):
                 yield part
 
     def _cost(self, larger: Ints | float) -> Array:
-        """Return the cost of boxes with these larger sides."""
+        """Return the cost of boxes whose larger sides are `larger`, px."""
         scales = np.array(self.scales)
         deviation = (np.asarray(larger)[..., None] - self.side * scales) / (self.spread * scales)
         return np.asarray((deviation**2).min(axis=-1))
@@ -166,7 +166,7 @@ class Proposals(Part):
             del parts[i]
 
     def region(self, events: Events) -> Region | None:
-        """Return the region of these events, None if they are too few or their box is too small."""
+        """Return the region of these events; None if there are too few events or their box is too small."""
         if len(events) < self.fewest:
             return None
         ends = self.percentile, 100.0 - self.percentile
@@ -192,7 +192,7 @@ class Blob:
         weight: (pixels,) events above the background.
 
     Attributes:
-        box: (4,) left, top, right and bottom.
+        box: (4,) left, top, right and bottom, px.
         larger: larger side of the box, px.
     """
 
@@ -217,15 +217,17 @@ class Blob:
 
 
 class Cuts:
-    """All cuts of a blob perpendicular to a direction. Cut k separates columns 0 ... k of pixels from the others.
+    """All cuts of a blob perpendicular to a direction.
+
+    Pixels are grouped into columns along the direction. Cut k separates columns 0 ... k from the other columns.
 
     Args:
         blob: blob to cut.
         column: (pixels,) index of each pixel along the direction, from 0.
 
     Attributes:
-        larger_before, larger_after: (cuts,) larger sides of the boxes of both pieces, px.
-        share: (cuts,) events in the columns on both sides of the cut, as a share of the blob's.
+        larger_before, larger_after: (cuts,) larger side of the box of the first and of the second piece, px.
+        share: (cuts,) events in the two columns next to the cut, as a share of the blob's events.
     """
 
     def __init__(self, blob: Blob, column: Ints) -> None:
@@ -250,7 +252,7 @@ class Cuts:
 
 
 def _larger(low: Ints, high: Ints) -> Ints:
-    """Return the larger side of the box of the first 1, 2, ... columns."""
+    """Return the larger side of the box around the first 1, 2, ... n columns, (n,) px."""
     sides = np.maximum.accumulate(high, axis=1) - np.minimum.accumulate(low, axis=1) + 1
     return np.asarray(sides.max(axis=0))
 
@@ -359,8 +361,8 @@ class Sliding:
         """Return all winners in the frames of a segment.
 
         Returns:
-            (wins,) classes; (wins, 2) column and row of the centre of each winner's receptive field, px; (wins,) weight
-            of each, which decreases with the time of the win.
+            (wins,) class of each winner; (wins, 2) column and row of the centre of its receptive field, px; (wins,) its
+            weight, which is smaller for a later win.
         """
         bounds = np.linspace(0, len(events), self._dense.frames + 1).astype(np.int64)
         method = self._method
@@ -380,7 +382,7 @@ class Sliding:
         return label, middle, weight
 
     def _measured(self, responses: Floats) -> Floats:
-        """Normalise responses by the strongest around them, so that a faint object is detected next to a strong one."""
+        """Divide responses by the strongest response nearby, so that faint objects are detected next to strong ones."""
         from scipy.ndimage import maximum_filter
 
         strongest = responses.max(axis=(1, 2))
@@ -389,7 +391,7 @@ class Sliding:
         return np.asarray(np.divide(responses, measure, out=np.zeros_like(responses), where=measure > 0))
 
     def _objects(self, label: Array, middle: Array, weight: Array) -> Iterator[tuple[Floats, Floats]]:
-        """Yield centre and scores of each object: groups of winners at one position, in descending order of weight."""
+        """Yield centre and scores of each object, i.e. each group of winners at one position, by descending weight."""
         near = np.abs(middle[:, None] - middle).max(axis=2) <= self._dense.same
         is_free = np.ones(len(label), bool)
         while is_free.any():

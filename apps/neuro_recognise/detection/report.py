@@ -93,7 +93,7 @@ def _count_text(boxes: Boxes, adjective: str) -> str:
 
 
 def _rows(boxes: Boxes, classes: Sequence[str], first: int, end: float, kind: str) -> list[dict[str, Any]]:
-    """Return boxes with times in ms since the first event; a box stays until the next, except before a long pause."""
+    """Return boxes with times in ms since the first event. A box is shown until the next, except before long pauses."""
     starts, stops = (boxes.start - first) / 1000.0, (boxes.stop - first) / 1000.0
     following_starts = np.append(np.unique(starts), 1e12)
     following = following_starts[np.searchsorted(following_starts[:-1], stops - 1e-6, "right")]

@@ -1,16 +1,17 @@
 """Scenes of several objects with true boxes, composed from recordings of one object each, and folders of such scenes.
 
-The events of each recording, including its noise, move along a straight path on a larger sensor; a recording that is
+The events of each recording, including its noise, move along a straight path on a larger sensor. A recording that is
 shorter than the scene is repeated. A true box is measured from the events of its object alone, before events of other
-objects and of the background are added. The box spans the given percentiles of columns and rows of the events in a
-slice of time that had a neighbour shortly before (`neuro.events.filters.BackgroundActivity`).
+objects and of the background are added. Only events count that had a neighbour shortly before
+(`neuro.events.filters.BackgroundActivity`). In each slice of time, the box spans the columns and rows between two
+percentiles of these events, by default 1 % and 99 %.
 
 A folder of scenes can be written in several runs and is read as a data set:
 
 ```
 scenes.json     conditions: settings, seed, recordings and their hash, names of the classes, number of scenes
 0000.npz        events of the first scene, in a format of `neuro.events.load`
-0000.csv        its true boxes, see `neuro_recognise.detection.boxes`; written last, so that it marks a complete scene
+0000.csv        its true boxes, see `neuro_recognise.detection.boxes`; a scene with this file is complete
 ```
 
 Scene k depends only on the settings, the recordings, the seed and k, so an interrupted run resumes with the same
@@ -33,9 +34,9 @@ from neuro_recognise.detection.boxes import Boxes, read_boxes, write_boxes
 from neuro_recognise.shown import Floats, Ints, Lazy
 
 TRIES = 2000
-"""Number of random placements that are tried before an error says that the objects do not fit."""
+"""Number of random placements that are tried. If all fail, an error says that the objects do not fit."""
 FEWEST = 20
-"""Fewest events of an object in a slice that has a box."""
+"""Fewest events of an object in a slice; with fewer events it has no box there."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class Scenery(Settings):
         return round(1000.0 * self.length)
 
     def slices(self) -> list[tuple[int, int]]:
-        """Return start and stop of each slice, us; the last may be shorter."""
+        """Return start and stop of each slice, us. The last slice may be shorter."""
         step = round(1000.0 * self.slice)
         return [(start, min(start + step, self.length_us)) for start in range(0, self.length_us, step)]
 
@@ -94,8 +95,8 @@ class Scene:
     Attributes:
         name: name of the scene.
         events: events of all objects and the background.
-        boxes: true boxes; identities number the objects.
-        slices: start and stop of the slices of time in which boxes are measured, us.
+        boxes: true boxes; `identity` is the index of the object.
+        slices: start and stop, us, of each slice of time in which boxes are measured.
     """
 
     name: str
@@ -110,7 +111,7 @@ class _Object:
 
     Attributes:
         events: events of the recording.
-        box: box of all its supported events on its own sensor, px.
+        box: box of the recording's events that have a recent neighbour, on the sensor of the recording, px.
         start: initial position of the box's centre, px.
         velocity: velocity of the centre, px/us.
     """
@@ -170,7 +171,7 @@ def _supported(events: Events, scenery: Scenery) -> Events:
 
 
 def _box(events: Events, scenery: Scenery) -> Floats | None:
-    """Return the box of an object's events, None if they are too few."""
+    """Return the box of an object's events, (4,) px; None if there are too few events."""
     if len(events) < FEWEST:
         return None
     ends = scenery.percentile, 100.0 - scenery.percentile
@@ -179,7 +180,7 @@ def _box(events: Events, scenery: Scenery) -> Floats | None:
 
 
 def _place(name: str, objects: list[_Object], scenery: Scenery, rng: np.random.Generator) -> list[_Object]:
-    """Draw positions and paths until all objects stay inside, and apart or touching as set."""
+    """Draw positions and paths until all objects stay on the sensor, and apart or touching as the settings say."""
     times = np.linspace(0, scenery.length_us, 20)
     for _ in range(TRIES):
         if scenery.touching:
@@ -225,7 +226,7 @@ def _velocity(scenery: Scenery, rng: np.random.Generator) -> Floats:
 
 
 def _moved(object_: _Object, scenery: Scenery) -> Events:
-    """Return the object's events on the sensor of the scene, for its whole duration."""
+    """Return the object's events on the sensor of the scene, for the whole duration of the scene."""
     events, middle = object_.events, (object_.box[:2] + object_.box[2:]) / 2.0
     elapsed = events.t - events.t[0]
     rounds = -(-scenery.length_us // (int(elapsed[-1]) + 1))
@@ -252,7 +253,7 @@ ABOUT_KIND = Kind("a list of 'neuro recognise scenes'", _is_ours)
 
 
 class Scenes(Lazy[Scene]):
-    """The scenes of a folder, each loaded on access.
+    """The scenes of a folder. Each scene is loaded on access.
 
     Args:
         folder: folder that `write_scenes` filled.
@@ -296,7 +297,7 @@ def write_scenes(
     chosen: Ints | None = None,
     report: Callable[[int, int], None] = lambda done, total: None,
 ) -> Scenes:
-    """Fill a folder with scenes; the same call resumes an interrupted one, and a larger `count` adds scenes.
+    """Fill a folder with scenes. The same call resumes after an interruption, and a larger `count` adds scenes.
 
     Args:
         folder: folder for the scenes; created if missing.
