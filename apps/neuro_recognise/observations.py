@@ -42,15 +42,16 @@ ONLY_TELL = {
     ("neuro_train", "telling.py"),
     ("neuro_train", "cli.py"),
 }
-"""Modules and packages that only report, so their code does not affect cached results."""
+"""Modules and packages that only report results, so their code does not affect cached evidence."""
 PLAIN = (bool, int, float, str)
 
 
 def code_of(method: Settings) -> str:
     """Return a hash of the source code of a method and its parts.
 
-    The hash covers the project's packages in `OURS`. For a third-party class it covers its file, and the files of the
-    same package or folder from which it imports names. For a class of a notebook it covers the functions' bytecode.
+    The hash covers the project's packages in `OURS`. For a third-party class, the hash also covers its file,
+    and files of the same package or folder from which this file imports names. For a class of a notebook, the hash
+    covers the bytecode of its functions.
     """
     classes = dict.fromkeys(_classes(method))
     digest = hashlib.sha256(_ours().encode())
@@ -74,7 +75,7 @@ def _classes(settings: Settings) -> Iterator[type]:
 
 @cache
 def _ours() -> str:
-    """Return the hash of the project's sources, computed once because the loaded code does not change."""
+    """Return the hash of the project's sources. It is computed once, because the loaded code does not change."""
     digest = hashlib.sha256()
     for folder in _folders():
         for file in sorted(folder.rglob("*")):
@@ -90,7 +91,7 @@ def _folders() -> list[Path]:
 
 
 def _with_neighbours(names: Iterable[str]) -> dict[str, ModuleType | None]:
-    """Return the third-party modules of these names, and those of the same package or folder that they import from."""
+    """Return the third-party modules with these names, and modules of the same packages or folders that they import."""
     modules: dict[str, ModuleType | None] = {}
     waiting = [*names]
     while waiting:
@@ -163,7 +164,7 @@ def write_evidence(group: Any, evidence: Sequence[Evidence]) -> None:
 
 
 class KeptAnswers(Lazy[Evidence]):
-    """Evidence of the recordings in a file, which is opened on first access.
+    """Evidence of the recordings in a file. The file is opened on first access.
 
     Args:
         file: file that `keep` wrote.
@@ -197,7 +198,7 @@ class _Place(NamedTuple):
     Attributes:
         offset: position of the first byte.
         dtype: data type of the values.
-        shapes: (recordings, axes).
+        shapes: (recordings, axes) shape of the array of each recording.
         begins: (recordings + 1,) index of the first value of each recording.
     """
 
@@ -208,7 +209,7 @@ class _Place(NamedTuple):
 
 
 class _File:
-    """An open file of evidence, which stays readable after another file has replaced its name.
+    """An open file of evidence. It stays readable after another file has taken its name.
 
     HDF5 is used only to find the arrays' positions, because reading a small array with it takes ten times as long.
     """

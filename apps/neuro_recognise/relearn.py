@@ -1,7 +1,7 @@
 """Relearning experiment: the labels are permuted after some epochs, training continues, and accuracy is measured.
 
-FOLDER/METHOD-SEED.json    accuracies of a seed; a seed with a result of the same code is not repeated
-FOLDER/relearn.png         accuracy after each epoch of all methods
+FOLDER/METHOD-SEED.json    accuracies of a method with one seed; a result of the same code is not computed again
+FOLDER/relearn.png         accuracy of all methods after each epoch
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ RULES = ("remus", "remus:relearns", "remus:adapted", "remus:thesis", "mozafari",
 
 @dataclass(frozen=True)
 class Linear(Framewise):
-    """Softmax regression on the spikes of a frame, trained online. Earlier spikes are larger inputs.
+    """Softmax regression on the spikes of a frame, trained online. An earlier spike is a larger input.
 
     Attributes:
         rate: learning rate; each frame is one step of gradient descent.
@@ -81,7 +81,7 @@ class Linear(Framewise):
         return ask
 
     def _values(self, frames: Frames) -> Floats:
-        """Return (spikes,) inputs: 1 for a spike at the start of its frame, 0 at the end."""
+        """Return the input of each spike, (spikes,): 1 at the start of its frame, 0 at the end."""
         return 1.0 - self.encoder.times(frames.codes, {}) / self.inputs.window
 
 
@@ -107,7 +107,7 @@ class Relearner:
     Attributes:
         name: name in progress reports.
         method: the method with its settings.
-        learning, testing: recordings to learn from, and to test.
+        learning, testing: evidence of the recordings to train on, and of the recordings to test on.
         of: conditions that determine the result, as plain data.
         file: file of the result.
     """
@@ -151,7 +151,7 @@ class Relearning:
         contestants: methods.
         before: number of epochs with the true labels.
         after: number of epochs with permuted labels.
-        folds: number of folds for each seed; the first is tested, the others are learnt from.
+        folds: number of folds for each seed. The first fold is tested, and the other folds are used to train.
         seeds: seeds of folds, permutations and trainings.
         folder: folder for results.
         backend: backend that runs networks.
@@ -213,7 +213,7 @@ def relearn(
         labels of the held-out recordings are permuted as well.
 
     Raises:
-        EventFileError: a recording is damaged, or all are of one class.
+        EventFileError: a recording is damaged, or all recordings are of one class.
         ModelError: the backend does not exist, recordings do not fit, or a file in the folder has another origin.
     """
     apps.find_backend(plan.backend)

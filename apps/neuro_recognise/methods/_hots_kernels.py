@@ -1,14 +1,15 @@
 # mypy: ignore-errors
 """Compiled loops of `neuro_recognise.methods.hots`: one layer and one recording.
 
-A map stores, for each pixel and channel, exp((T - begin) / tau) of the last event there at time T. Divided by
-exp((t - begin) / tau), the map is the time surface at t, so each event needs a single exponential. `begin` is moved
+For each pixel and channel, a map stores exp((T - begin) / tau), with T the time of the last event there. The time
+surface at t is the map divided by exp((t - begin) / tau), so each event needs a single exponential. `begin` is moved
 forward before the values exceed double precision.
 
-A layer that learns compares each event's surface with its centres. In a layer that does not learn, an event changes one
-value of the map, so the inner products of all surrounding surfaces with the centres change by a multiple of the
-centres. These products are stored for all pixels, and the operations per event are proportional to the pixels of the
-neighbourhood, whatever the number of channels. All terms are positive, so the sums stay exact to a few last bits.
+A layer that learns compares the surface of each event with the centres of the layer. In a layer that does not learn,
+the centres are constant. An event changes one value of the map, so the inner products of all surrounding surfaces with
+the centres change by a multiple of the centres. These products are stored for all pixels. The operations per event
+are then proportional to the pixels of the neighbourhood, and do not depend on the number of channels. All terms are
+positive, so the sums stay exact to a few last bits.
 """
 
 from math import exp, sqrt
@@ -26,8 +27,8 @@ class Seen(NamedTuple):
     """The map of a layer and its parameters.
 
     Attributes:
-        map: float64[(height + 2 margin) * (width + 2 margin) * channels], initially 0; the margin is the radius, or 0
-            for `find`.
+        map: float64[(height + 2 margin) * (width + 2 margin) * channels], initially 0. The margin is 0 for `find`, else
+            the radius.
         width: width of the sensor, px.
         radius: radius of a neighbourhood, px.
         channels: int.
@@ -43,7 +44,7 @@ class Seen(NamedTuple):
 
 @subkernel
 def shrink(numbers, factor):
-    """Multiply values >= 0 in place."""
+    """Multiply values >= 0 by a factor in place, and set results up to `NOTHING` to 0."""
     for i in range(numbers.size):
         value = numbers[i] * factor
         numbers[i] = value if value > NOTHING else 0.0
@@ -58,10 +59,10 @@ def add(row, taps, change):
 
 @subkernel
 def closest(products, first, scale, squares):
-    """Return the centre k closest to a surface S: the smallest ``|C_k|^2 - 2 S C_k``, the first of equal ones.
+    """Return the index k of the centre C_k closest to a surface S, which has the smallest ``|C_k|^2 - 2 S C_k``.
 
-    products: float64[...], inner product of S and centre k at first + k, to be multiplied by scale; squares:
-    float64[centres].
+    Of several equal centres the first is returned. products: float64[...], scale * products[first + k] is the inner
+    product of S and centre k; squares: float64[centres], ``|C_k|^2``.
     """
     nearest, smallest = 0, squares[0] - 2.0 * scale * products[first]
     for k in range(1, squares.size):
@@ -104,7 +105,7 @@ def find(t, x, y, channel, layer, products, turned, squares, out):
 
 @subkernel
 def counted_from(begin, now, tau, surface_map):
-    """Return `begin`; if it is too long ago, first shrink the map to the present and move `begin` to now."""
+    """Return `begin`. If `begin` is too long ago, scale the map so that it counts from now, and return now."""
     if now - begin > LONGEST * tau:
         shrink(surface_map, exp((begin - now) / tau))
         return now
@@ -113,7 +114,7 @@ def counted_from(begin, now, tau, surface_map):
 
 @subkernel
 def compared(surface_map, corner, stride, span, side, scale, centres, products):
-    """Compute the inner products of the time surface with all centres; return the surface's squared length.
+    """Compute the inner products of the time surface with all centres, and return the surface's squared length.
 
     surface_map: float64[...], flat; corner: index of the neighbourhood's first value; stride: distance between rows;
     span: values in a row of the neighbourhood; scale: 1 / exp((t - begin) / tau); products: float64[centres], written.
@@ -132,7 +133,7 @@ def compared(surface_map, corner, stride, span, side, scale, centres, products):
 
 @subkernel
 def moved(surface_map, corner, stride, span, side, scale, centres, k, keep, alpha):
-    """Move centre k: ``C = keep C + alpha S``; return its squared length."""
+    """Move centre k to ``keep C + alpha S``, with S the time surface, and return the new squared length."""
     square = 0.0
     for i in range(side):
         first = corner + i * stride
@@ -145,7 +146,7 @@ def moved(surface_map, corner, stride, span, side, scale, centres, k, keep, alph
 
 @kernel
 def learn(t, x, y, channel, layer, centres, squares, products, wins, rates):
-    """Move the centre closest to the time surface of each event towards it; algorithm 13 of the thesis.
+    """For each event, move the centre closest to its time surface towards this surface; thesis algorithm 13.
 
     Arguments as in `find`, except centres: float64[rows * columns * channels, centres], changed; squares: changed;
     products: float64[centres], scratch; wins: int64[centres], p_k, changed; rates: rate and slow of alpha = rate / (1 +
@@ -196,6 +197,9 @@ def surfaces(t, x, y, channel, layer, indices, out):
 
 @kernel
 def count(x, y, centre, cell, columns, out):
-    """Count centres by cell: out, int64[cells, centres], at (y // cell) * columns + x // cell."""
+    """Count the events of each centre in each cell.
+
+    cell: side of a cell, px; out: int64[cells, centres], with the cell's index (y // cell) * columns + x // cell.
+    """
     for e in range(centre.size):
         out[(y[e] // cell) * columns + x[e] // cell, centre[e]] += 1

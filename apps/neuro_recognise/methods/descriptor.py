@@ -53,7 +53,7 @@ class Descriptor(Method):
         )
 
     def answer(self, learnt: Learnt, features: Features, backend: str = "event") -> Answer:
-        """Compute the readout's scores; a recording without events is silent."""
+        """Compute the scores of the readout. A recording without events is silent."""
         x = features.stacked("vector").astype(np.float64)
         return Answer(np.where(x.any(axis=1, keepdims=True), self.readout.scores(learnt, x), np.nan))
 
@@ -139,7 +139,7 @@ NEVER = -(1 << 53)
 
 @dataclass(frozen=True)
 class TarHats(Hats):
-    """HATS with surfaces of the last event at each pixel, without memory of earlier events, after the filter TAR."""
+    """HATS behind the filter TAR, with surfaces of the last event at each pixel and no memory of earlier events."""
 
     known_as = "tar_hats"
     title = "HATS without memory behind the filter TAR"
@@ -178,7 +178,9 @@ class _LastSurfaces:
 def last_surfaces(
     t: Ints, x: Array, y: Array, p: Array, cell: int, tau_us: float, last: Ints, sums: Floats, counts: Ints
 ) -> None:
-    """Add time surfaces to cells: exp(-age / tau) of the last event of the same polarity at each pixel around an event.
+    """Add the time surface of each event to its cell.
+
+    The surface is exp(-age / tau) of the last event of the same polarity at each pixel around the event.
 
     t: int64[n]; x, y: uint16[n]; p: uint8[n]; last: int64[2, height + 2 radius, width + 2 radius], time of the last
     event, or `NEVER`; sums: float64[rows, columns, 2, side, side]; counts: int64[rows, columns]. The surface of an
@@ -198,7 +200,7 @@ def last_surfaces(
 
 @dataclass(frozen=True)
 class Boe(Method):
-    """Segments as bags of events and a linear support vector machine, whose scores are averaged over a recording.
+    """Segments as bags of events, and a linear support vector machine. Scores are averaged over a recording's segments.
 
     Attributes:
         cleaner: filter of events.
@@ -227,7 +229,7 @@ class Boe(Method):
         return {"pixels": pixels.astype(np.uint32), "lengths": np.diff(bounds)}
 
     def fit(self, features: Features, course: Course) -> Learnt:
-        """Weight pixels by how few segments have events there, and train the readout on segments."""
+        """Weight each pixel more if fewer segments have events there, and train the readout on segments."""
         shares, recording = self._shares(features)
         n = shares.shape[0]
         special = np.log(n / np.maximum(np.bincount(shares.indices, minlength=shares.shape[1]), 1))

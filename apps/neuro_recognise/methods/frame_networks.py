@@ -91,9 +91,9 @@ class MozafariLayer(Labelled):
     least: float = setting(0.2, "", "smallest factor on rates, so that learning never stops", NORB, above=0, at_most=1)
 
     def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
-        """Scale the rates by the shares of frames decided wrongly and rightly; silent frames are neither.
+        """Scale the rates by the shares of frames that were decided wrongly and rightly.
 
-        Before the first epoch the shares are those of guessing.
+        Silent frames count as neither. In the first epoch, the shares of random guesses are used.
         """
         guessed = self.per_class / sim.weights("c1_s2").shape[0]
         shares = last or Shares(right=guessed, wrong=1.0 - guessed)
@@ -261,7 +261,7 @@ class MustLayer(Layer):
         return {"thresholds": sim.get("excited", "theta") + self.theta, "c1_excited": matrix}
 
     def settled(self, net: neuro.Network, learnt: Learnt) -> neuro.Network:
-        """Replace the neurons by ones with constant thresholds, which chips support."""
+        """Replace the neurons by neurons with constant thresholds, which chips support."""
         model = neuro.iaf_psc_delta(
             tau_m=np.inf, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=np.asarray(learnt["thresholds"], float)
         )
@@ -291,7 +291,7 @@ class Must(Framewise):
     )  # fmt: skip
 
     def afterwards(self, learnt: Learnt, features: Features, course: Course) -> Learnt:
-        """Assign each neuron to the class of whose frames it wins the largest share; -1 if it never wins."""
+        """Assign each neuron to the class in which it wins the largest share of frames; -1 if it never wins."""
         winners, labels = [], []
         for batch, results, frames in self.presented(self.simulation(learnt, course.backend), learnt, features):
             winners.append(results.winner)
@@ -302,7 +302,7 @@ class Must(Framewise):
     def votes(
         self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, features: Features
     ) -> Mapping[str, Floats]:
-        """Return three scores: wins per neuron of a class, wins, and the largest potential of a class's neurons."""
+        """Return scores of three rules: wins per neuron of a class, wins, and the largest potential in a class."""
         labels, classes = np.asarray(learnt["labels"]), len(features.classes)
         assigned = labels >= 0
         wins, sums = np.zeros((len(features), classes)), np.zeros((len(features), classes))
@@ -315,13 +315,13 @@ class Must(Framewise):
         return rates | {"majority": majority(wins, sums), "potentials": potentials(sums)}
 
     def vote_work(self, learnt: Learnt, neurons: int, classes: int) -> Works:
-        """Return the operations of a vote; `rate` takes a win in each frame, and divides the wins of each class."""
+        """Return the operations of a vote. `rate` counts a win in each frame, and divides the wins of each class."""
         if self.vote != "rate":
             return super().vote_work(learnt, neurons, classes)
         return {"frame": on_numbers(1, 2), "recording": on_numbers(3 * classes, 3 * classes)}
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
-        """Draw the weights of the neurons with the highest thresholds, which win most, one row per class."""
+        """Draw weights of the neurons with the highest thresholds, which win most often, in one row per class."""
         from neuro_recognise.telling.pictures import images
 
         labels, thresholds = np.asarray(learnt["labels"]), np.asarray(learnt["thresholds"])
@@ -370,7 +370,7 @@ class TempotronLayer(Labelled):
         }  # fmt: skip
 
     def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
-        """Decay the learning rate, and raise the threshold so that no neuron fires: neurons learn independently."""
+        """Decay the learning rate. Raise the threshold so that no neuron fires and neurons learn independently."""
         sim.set("cells", V_th=OUT_OF_REACH)
         sim.set("c1_cells", lambda_=self.step * self.step_decay**epoch)
 
@@ -413,11 +413,11 @@ class EdhmaxTempotron(Framewise):
     def votes(
         self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, features: Features
     ) -> Mapping[str, Floats]:
-        """Average over the neurons of a class, because each learnt independently."""
+        """Return scores that average over the neurons of a class, because each neuron learnt independently."""
         return votes(results, frames.recording, len(features), len(features.classes), mean_over_maps=True)
 
     def vote_work(self, learnt: Learnt, neurons: int, classes: int) -> Works:
-        """Return the operations of a vote; the mean of a class is a sum and a division in each frame."""
+        """Return the operations of a vote. The mean of a class takes a sum and a division in each frame."""
         works = super().vote_work(learnt, neurons, classes)
         assert works["frame"] is not None
         return {**works, "frame": works["frame"] + Work(classes)}

@@ -1,4 +1,4 @@
-"""Methods that cut a recording into frames, encode each as spikes, and present these to a network as trials.
+"""Methods that cut a recording into frames, encode each frame as spikes, and present the spikes to a network as trials.
 
 Training runs for several epochs over all frames, with a checkpoint after each epoch.
 """
@@ -65,7 +65,7 @@ class Inputs:
 
 @dataclass(frozen=True, slots=True)
 class Shares:
-    """Shares of an epoch's frames that were decided rightly and wrongly during learning; the rest were silent.
+    """Shares of an epoch's frames that were decided rightly and wrongly during learning. Other frames were silent.
 
     Attributes:
         right: share of right decisions among all frames.
@@ -78,7 +78,7 @@ class Shares:
 
 @dataclass(frozen=True)
 class Layer(Part):
-    """Base of the networks that learn from frames. Its fields are parameters of the network's file, except `teaching`.
+    """Base of the networks that learn from frames. Fields are parameters of the network's file, except for `teaching`.
 
     Class attributes:
         file: name of the network in `neuro_models`.
@@ -139,11 +139,11 @@ class Layer(Part):
         """
 
     def decided(self, results: neuro.TrialResults) -> Ints:
-        """Return the class that won each frame during learning, (frames,), -1 for none."""
+        """Return the class that won each frame during learning, (frames,); -1 if no class won."""
         return results.label
 
     def also(self, sim: neuro.Simulation) -> dict[str, Any]:
-        """Return what was learnt in addition to weights, as arrays by name."""
+        """Return arrays that were learnt in addition to weights, by name."""
         return {}
 
     def settled(self, net: neuro.Network, learnt: Learnt) -> neuro.Network:
@@ -164,7 +164,7 @@ class Labelled(Layer):
 
 @dataclass(frozen=True)
 class RemusLayer(Labelled):
-    """Maps of non-leaky neurons with one shared kernel each. The first to fire decides the class and is rewarded."""
+    """Maps of non-leaky neurons with one kernel per map. The first map to fire decides the class and is rewarded."""
 
     source = "thesis 6.2.4, table 3; what it leaves open stands in models/neuro_models/remus.yaml"
     file = "remus"
@@ -215,7 +215,7 @@ Layer.known = Registry("network", (RemusLayer,))
 
 
 def taught(net: neuro.Network) -> list[str]:
-    """Return the names of projections that learn from trials."""
+    """Return the names of the projections that learn from trials."""
     return [name for name, projection in net.projections.items() if projection.synapse.learns == "trials"]
 
 
@@ -298,7 +298,7 @@ class Framewise(Method):
         return super().changed(values)
 
     def fitting(self, size: tuple[int, int]) -> Self:
-        """Fill in the sensor's size, and check that it holds at least one cell of the pool."""
+        """Fill in the sensor's size, and check that the field holds at least one cell of the pool."""
         settled = super().fitting(size)
         if min(settled.size) < self.pool.side:
             raise ModelError(f"size = {list(settled.size)}: expected at least {self.pool.side} px each, a cell")
@@ -388,7 +388,7 @@ class Framewise(Method):
         return {**learnt, **self.afterwards(learnt, features, course)}
 
     def afterwards(self, learnt: Learnt, features: Features, course: Course) -> Learnt:
-        """Learn from the trained network's responses to the same recordings, e.g. a readout; return arrays by name."""
+        """Learn from the trained network's responses to the same recordings, e.g. a readout. Return arrays by name."""
         return {}
 
     def _epoch(
@@ -439,7 +439,7 @@ class Framewise(Method):
         return neuro.compile(self.deciding(learnt), backend=backend, seed=int(learnt["seed"]))
 
     def present(self, sim: neuro.Simulation, learnt: Learnt, features: Features) -> tuple[neuro.TrialResults, Frames]:
-        """Present all frames of recordings without learning; return the trials' results and the frames."""
+        """Present all frames of recordings without learning. Return the results of the trials, and the frames."""
         frames = Frames.of(features)
         results = sim.trials(self.encoder.times(frames.codes, learnt), frames.ids, frames.offsets)
         sim.forget(before=sim.time)
@@ -448,16 +448,16 @@ class Framewise(Method):
     def presented(
         self, sim: neuro.Simulation, learnt: Learnt, features: Features
     ) -> Iterator[tuple[Features, neuro.TrialResults, Frames]]:
-        """Present recordings in batches without learning; yield each batch with the results of `present`."""
+        """Present recordings in batches without learning. Yield each batch with the results of `present`."""
         for batch in features.batches(AT_ONCE):
             yield batch, *self.present(sim, learnt, batch)
 
     def entering(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Features]:
-        """Return a function from the front end's spikes to the input of the deciding network; here the identity."""
+        """Return a function from spikes of the front end to input of the deciding network; here the identity."""
         return lambda features: features
 
     def answer(self, learnt: Learnt, features: Features, backend: str = "event") -> Answer:
-        """Compute the scores of each vote; a recording without frames is silent."""
+        """Compute the scores of each voting rule. A recording without frames is silent."""
         return self.asker(learnt, backend)(features)
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
@@ -499,9 +499,10 @@ class Framewise(Method):
         return mean_work(works, uses | {"recording": float(len(features))}, len(features))
 
     def vote_work(self, learnt: Learnt, neurons: int, classes: int) -> Works:
-        """Return the operations of the vote: the largest potential of each class in a frame, added up, and the choice.
+        """Return the operations of the vote.
 
-        A majority also counts a win in each frame, and breaks ties by a sort and 4 operations a class.
+        A vote finds the largest potential of each class in a frame, adds these up, and chooses a class. A majority also
+        counts a win in each frame, and breaks ties by a sort and 4 operations per class.
         """
         majority = self.vote == "majority"
         ties = classes * (4 + math.ceil(math.log2(max(1, classes))))
@@ -536,7 +537,7 @@ class Framewise(Method):
         ]
 
     def images(self, kernels: Floats) -> Floats:
-        """Draw kernels (features, orientations, rows, columns) of cells as images (features, height, width) in px."""
+        """Return images (features, height, width), px, of kernels (features, orientations, rows, columns) on cells."""
         from neuro_recognise.telling.pictures import reconstructed
 
         return reconstructed(kernels, self.bank.filters[DRAWN % len(self.bank.sizes)], self.pool.side)
@@ -584,12 +585,12 @@ def frames_to_learn_from(features: Features, segmenter: Segmenter) -> Frames:
 
 
 def curves_of(shares: Sequence[Shares]) -> dict[str, Array]:
-    """Return the learning curves: ``history``, shares of right decisions by epoch, and ``mistakes``, of wrong ones."""
+    """Return the learning curves: shares of right decisions, ``history``, and of wrong ones, ``mistakes``, by epoch."""
     return {"history": np.array([s.right for s in shares]), "mistakes": np.array([s.wrong for s in shares])}
 
 
 def state_of(sim: neuro.Simulation) -> Array:
-    """Return the file that `Simulation.save` writes, as bytes."""
+    """Return the contents of the file that `Simulation.save` writes, as bytes."""
     with tempfile.TemporaryDirectory() as folder:
         sim.save(Path(folder) / "state.h5")
         return np.fromfile(Path(folder) / "state.h5", np.uint8)

@@ -35,18 +35,18 @@ GUESS = "prototype, one fold of N-MNIST's training recordings"
 CHOSEN = "two folds of N-MNIST's training recordings, another seed than for its accuracy; docs/reference/learning.md"
 TRAINER = "neuro train, docs/how-to/train.md"
 POKER = {"size": [34, 34], "step": 1.0, "duration": 20.0, "epochs": 120, "warp": 0.0, "mirror": 0.5}
-"""Tuned on folds of POKER-DVS with other seeds (10 to 12) than those of its accuracy, but on the same recordings."""
+"""Tuned on folds of POKER-DVS with seeds 10 to 12. The accuracy is of other seeds, on the same recordings."""
 SEEN = ("size", "step", "duration", "scale")
 """Settings that evidence depends on."""
 
 
 @dataclass(frozen=True)
 class Gradients(Method):
-    """Base of these methods: a network with the populations ``pixels`` and ``out``, and its training.
+    """Base of the methods that learn by gradients: a network with populations ``pixels`` and ``out``, and its training.
 
     Class attributes:
         file: name of the network in `neuro_models`; its parameters include height, width, classes and resolution.
-        learns: trainable parameters of each projection; all weights if empty.
+        learns: trainable parameters by the name of the projection; if empty, all weights learn.
         of_network: settings that are parameters of the network.
     """
 
@@ -75,7 +75,7 @@ class Gradients(Method):
 
     @property
     def pixels(self) -> tuple[int, int, int]:
-        """The shape of the pixels: OFF then ON, rows, columns."""
+        """The shape of the pixels: (2, rows, columns), with OFF before ON."""
         width, height = self.size
         return (2, -(-height // self.scale), -(-width // self.scale))
 
@@ -95,8 +95,8 @@ class Gradients(Method):
         """Train the network on a single thread of torch, so that equal trainings give equal bits.
 
         Returns:
-            ``network`` as YAML text, ``weight.NAME`` and ``delay.NAME`` by projection, ``history`` (epochs,) the share
-            of recordings that were decided rightly in each epoch.
+            ``network`` as YAML text; ``weight.NAME`` and ``delay.NAME`` of the projection NAME; ``history``, (epochs,)
+            share of recordings that were decided rightly in each epoch.
 
         Raises:
             ModelError: torch is not installed.
@@ -169,11 +169,14 @@ class Gradients(Method):
         return net
 
     def answer(self, learnt: Learnt, features: Features, backend: str = "event") -> Answer:
-        """Score classes by the output neurons' spikes; the earlier first spike breaks ties. No spike means silent."""
+        """Score classes by the spike counts of the output neurons. The earlier first spike breaks ties.
+
+        A recording without any output spike is silent.
+        """
         return self.asker(learnt, backend)(features)
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
-        """Compile the network once for all recordings; it is reset before each."""
+        """Compile the network once for all recordings. The network is reset before each recording."""
         sim = neuro.compile(self.network(learnt), backend=backend)
         h, end = self.step, round(self.duration / self.step) * self.step
 
@@ -265,7 +268,7 @@ class LearntDelays(Gradients):
 
 
 def _scores(times: Floats, ids: Iterable[int], classes: int, end: float) -> Floats:
-    """Return the spike count of each class plus less than 0.5 for an early first spike; NaN without any spike."""
+    """Return the spike count of each class, plus up to 0.5 for an early first spike; NaN if there are no spikes."""
     counts, first = np.zeros(classes), np.full(classes, end)
     np.add.at(counts, np.asarray(ids), 1.0)
     np.minimum.at(first, np.asarray(ids), times)

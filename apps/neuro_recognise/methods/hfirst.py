@@ -1,4 +1,4 @@
-"""HFirst: the first oriented neuron to fire at a place silences the others; classes are recognised by spike counts.
+"""HFirst: the first oriented neuron to fire at a place silences the others there, and spike counts decide the class.
 
 This module has the network `hfirst` as a whole and layer by layer, its input, its templates and its decisions. S1 has
 nearly all neurons of the network. Its event-driven simulation here takes a tenth of the time of a backend that computes
@@ -239,8 +239,8 @@ def c1_counts(settings: HFirstSettings, recordings: Sequence[LayerSpikes]) -> In
 def templates(settings: HFirstSettings, counts: Ints, labels: npt.ArrayLike, classes: int) -> Floats:
     """Return the weights of S2, in mV.
 
-    The template of a class is the sum of its counts, scaled to the L2 norm `settings.norm`; weights below
-    `settings.below` are replaced by `settings.unseen`.
+    The template of a class is the sum of the counts of its recordings, scaled to the L2 norm `settings.norm`.
+    Weights below `settings.below` are replaced by `settings.unseen`.
 
     Args:
         settings: settings of the network.
@@ -384,10 +384,10 @@ def scores(response: LayerResponse, reading: str = "hard") -> Floats:
 
 
 def decisive(response: LayerResponse, reading: str = "hard") -> Floats:
-    """Return `scores` with ties broken: of classes with equal spikes, those with larger summed potentials score higher.
+    """Return `scores` without ties. Of classes with equal spikes, a class with larger summed potentials scores higher.
 
-    The difference is less than a spike. The authors' code chooses the first of such classes. Without C1 spikes all
-    scores are NaN.
+    The added difference is less than a spike. The authors' code chooses the first of such classes. Without C1 spikes
+    all scores are NaN.
 
     Args:
         response: result of `s2_heard`.
@@ -454,11 +454,11 @@ class HFirst(Method, HFirstSettings):
         return {"templates": templates(self, counts, features.labels, len(features.classes))}
 
     def answer(self, learnt: Learnt, features: Features, backend: str = "event") -> Answer:
-        """Run S2 on the C1 spikes; a recording without any is silent. The run for the bill uses the whole network."""
+        """Run S2 on the C1 spikes. Recordings without C1 spikes are silent. `Answer.run` runs the whole network."""
         return self.asker(learnt, backend)(features)
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
-        """Compile S2 once; it is reset before each recording."""
+        """Compile S2 once. The simulation is reset before each recording."""
         sim = neuro.compile(s2_alone(self, np.asarray(learnt["templates"])), backend=backend)
 
         def ask(features: Features) -> Answer:
@@ -520,5 +520,5 @@ class HFirst(Method, HFirstSettings):
 
 @lru_cache(maxsize=1)
 def _c1(method: HFirst) -> neuro.Simulation:
-    """Compile layer C1; it is reset before each recording."""
+    """Compile layer C1. Callers reset the simulation before each recording."""
     return neuro.compile(c1_alone(method))

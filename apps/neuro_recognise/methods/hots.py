@@ -1,10 +1,10 @@
 """HOTS: a hierarchy of time surfaces whose prototypes are learnt online, layer by layer, and their histograms.
 
-The time surface of event i contains, for each channel p and each pixel u within radius R, the decayed time since the
-last event there: ``S_i(u, p) = exp(-(t_i - T_i(u, p)) / tau)``, 0 without such an event. The closest of N prototypes,
-``k_i``, becomes the channel of the event in the next layer. Layer l + 1 has ``R K_R``, ``tau K_tau`` and ``N K_N``
-(eq. 119 of the thesis). A histogram counts the prototypes of the last layer, and `neuro_recognise.parts.readouts` has
-the paper's distances between histograms.
+The time surface of event i has a value for each channel p and each pixel u within radius R. The value decays with the
+time since the last event there, T_i: ``S_i(u, p) = exp(-(t_i - T_i(u, p)) / tau)``. It is 0 if there was no event. The
+index ``k_i`` of the closest of N prototypes becomes the channel of the event in the next layer. From layer to layer, R,
+tau and N are multiplied by ``K_R``, ``K_tau`` and ``K_N`` (eq. 119 of the thesis). A histogram counts the
+prototypes of the last layer. `neuro_recognise.parts.readouts` has the paper's distances between histograms.
 
 Source: Lagorce et al., "HOTS: A Hierarchy of Event-Based Time-Surfaces for Pattern Recognition", IEEE TPAMI 39:1346,
 2017; thesis lines 2211-2259 with algorithm 13.
@@ -116,9 +116,9 @@ class Layers:
         """Run the rest of the training.
 
         Args:
-            recordings: the same recordings in every call; the sequence may load each on access.
-            report: called after each recording with the layers, whose `state` may be stored, the finished steps and the
-                number of steps, layers times recordings.
+            recordings: the same recordings in every call; the sequence may load each recording on access.
+            report: function that is called after each recording, with the layers, the number of finished steps, and the
+                number of all steps, which is layers times recordings. It may store the `state` of the layers.
 
         Raises:
             ModelError: there are fewer events than initial prototypes, or an event is outside of the field.
@@ -137,15 +137,15 @@ class Layers:
             self.learnt, self.seen = layer + 1, 0
 
     def features(self, events: Events, *, cell: int = 0, layer: int | None = None) -> Ints:
-        """Count how often each prototype was the closest.
+        """Count the events for which each prototype is the closest.
 
         Args:
             events: a recording.
-            cell: side of the square cells that are counted separately, px; 0: one cell, as in the paper.
-            layer: index of the layer; None: the last one.
+            cell: side of the square cells that have separate counts, px; 0 for a single cell, as in the paper.
+            layer: index of the layer; None for the last layer.
 
         Returns:
-            (rows, columns, prototypes); (1, 1, prototypes) for a single cell.
+            (rows, columns, prototypes) counts of each cell; (1, 1, prototypes) for a single cell.
 
         Raises:
             ModelError: the layers are not learnt, an event is outside of the field, or `cell` is not an integer >= 0.
@@ -335,7 +335,7 @@ class Hots(Method):
         return Answer(np.where(x.any(axis=1, keepdims=True), self.readout.scores(learnt, x), np.nan))
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Drawings:
-        """Draw the prototypes of each layer: both polarities of the first, the maximum over the channels of others."""
+        """Draw the prototypes of each layer: both polarities in the first layer, else the maximum over channels."""
         from neuro_recognise.telling.pictures import images
 
         figures = {}
@@ -360,7 +360,7 @@ class Hots(Method):
         """Convert evidence to events, one recording at a time."""
 
         def item(k: int) -> Events:
-            item = features.evidence[k]
-            return Events(item["t"], item["x"], item["y"], item["p"], self.size)
+            arrays = features.evidence[k]
+            return Events(arrays["t"], arrays["x"], arrays["y"], arrays["p"], self.size)
 
         return Lazy(len(features), item)

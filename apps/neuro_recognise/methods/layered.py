@@ -31,11 +31,11 @@ CHOSEN = "chosen on 160 of the 800 training digits of fold 1 of 5, seed 0"
 
 @dataclass(frozen=True)
 class Layered(Framewise):
-    """Features of frames learnt by STDP and pooled, and a layer above that learns by reward, on ReMuS's front end.
+    """On ReMuS's front end, features that learn by STDP, a pool, and a layer above that learns by reward.
 
-    The layers learn one after the other. While the features learn, `local_winners` makes them differ. Afterwards only
-    the first feature at each place spikes, and each cell of the pool passes the first spike of each feature. The pooled
-    spikes are the trials of the layer above.
+    The layers learn one after the other. While the features learn, inhibition by `local_winners` makes them
+    differ. Afterwards only the first feature at each place spikes, and each cell of the pool passes the first spike of
+    each feature. The pooled spikes of a frame are a trial of the layer above.
 
     Attributes:
         features: the lower layer, which learns without labels.
@@ -102,7 +102,7 @@ class Layered(Framewise):
         return {**super().fit(self.entering(arrays, course.backend)(features), course), **arrays}
 
     def entering(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Features]:
-        """Return a function from the front end's spikes to the spikes of the pooled features."""
+        """Return a function that converts spikes of the front end to spikes of the pooled features."""
         net = from_text(str(learnt["below"]))
         net.projections["c1_s2"] = replace(net.projections["c1_s2"], weight=np.asarray(learnt["features"]))
         net.groups["choice"] = replace(net.groups["choice"], choice=neuro.local_winners(of="s2", radius=0))
@@ -132,10 +132,10 @@ class Layered(Framewise):
         return frame[first], results.wins.steps[first], ids[first]
 
     def network(self, learnt: Learnt) -> None:
-        """Return None: each layer runs trials of its own, because a trial resets only the states of the output."""
+        """Return None. Each layer runs trials of its own, because a trial resets only the states of the output."""
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Features], Answer]:
-        """Leave out the run for bills, which would include the layer above only."""
+        """Prepare `answer` without a run for bills, because the run would include only the layer above."""
         ask = super().asker(learnt, backend)
         return lambda features: replace(ask(features), run=None)
 

@@ -10,9 +10,9 @@ from neuro.apps import allocating, subkernel
 def largest_responses(x, y, values, bounds, bank, sizes, height, width, cell, out):
     """Correlate every frame of a recording with the filters, and write the largest response of each cell, at least 0.
 
-    Few pixels of a frame have events, so each of these adds its value times the rotated filter to the responses. This
-    is the 'same' correlation with zeros outside of the frame. A row of a filter is contiguous with orientations
-    innermost, so that the loop over it is vectorised.
+    Few pixels of a frame have events. Each pixel with events adds its value times the rotated filter to the responses.
+    The result is the 'same' correlation with zeros outside of the frame. A row of a filter is contiguous, with
+    orientations innermost, so that the loop over the row is vectorised.
 
     x, y: uint16[n], inside the frame; values: float64[n], values above 0; bounds: int64[frames + 1]; bank:
     float64[scales, orientations, side, side]; sizes: int64[scales]; cell: side of a cell, px; out:
@@ -68,7 +68,7 @@ def largest_responses(x, y, values, bounds, bank, sizes, height, width, cell, ou
 
 @allocating
 def leaky_responses(t, x, y, sign, bounds, bank, sizes, height, width, leak, cell, out):
-    """Write responses that leak to 0 at a constant rate: the largest absolute value per cell at the end of each frame.
+    """Write the largest absolute response of each cell at the end of each frame. Responses leak at a constant rate.
 
     The leak is applied to a response when an event reaches it, and to all responses at the end of a frame.
 
@@ -106,5 +106,5 @@ def leaky_responses(t, x, y, sign, bounds, bank, sizes, height, width, leak, cel
 
 @subkernel
 def _leaked(v, amount):
-    """Move a response towards 0 by an amount, e.g. 3 by 1 to 2, and -0.5 by 1 to 0."""
+    """Move a response towards 0 by an amount. E.g. with amount 1, 3 becomes 2, and -0.5 becomes 0."""
     return max(v - amount, 0.0) if v > 0.0 else min(v + amount, 0.0)

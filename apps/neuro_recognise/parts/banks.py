@@ -1,6 +1,6 @@
 """Layers S1 and C1: representations of frames, filter banks on them, and pools of the responses.
 
-A frame holds its own events only, or a surface that also remembers earlier events.
+A frame represents only its own events, or a surface that also remembers earlier events.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Pixels(NamedTuple):
     Attributes:
         x, y: (entries,) columns and rows, px.
         value: (entries,) values above 0.
-        bounds: (segments + 1,) segment i has the entries ``[bounds[i], bounds[i + 1])``.
+        bounds: (segments + 1,) indices; segment i has the entries ``[bounds[i], bounds[i + 1])``.
     """
 
     x: Array
@@ -72,7 +72,7 @@ class Representation(FrontEndPart):
 
         Args:
             events: a recording inside the field.
-            bounds: (segments + 1,) segment i is ``[bounds[i], bounds[i + 1])``.
+            bounds: (segments + 1,) indices; segment i has the events ``[bounds[i], bounds[i + 1])``.
         """
 
 
@@ -172,12 +172,12 @@ def gabor_bank(
         orientations: angles of the bars, degrees.
         literal: whether to use the values of the formula. Otherwise each filter has zero mean and unit L2 norm, so that
             uniform areas give no response and all scales respond equally strongly.
-        circular: whether to set values at more than half a side from the centre to 0, before the mean is subtracted.
+        circular: whether values at more than half a side from the centre are set to 0, before the mean is subtracted.
         smooth: whether to blur each filter by a box of 3 x 3 px, equivalent to blurring the image.
 
     Returns:
-        (scales, orientations, side, side) with side the largest size; smaller filters are centred and
-        padded with zeros.
+        (scales, orientations, side, side) filters, with side the largest size. Smaller filters are centred and padded
+        with zeros.
 
     Source: thesis eqs 122-124, lines 2342-2346.
     """
@@ -231,7 +231,7 @@ class Bank(FrontEndPart):
     @cached_property
     @abstractmethod
     def filters(self) -> Floats:
-        """(scales, orientations, side, side), smaller filters centred in the side of the largest."""
+        """(scales, orientations, side, side) filters. Smaller filters are centred and padded with zeros."""
 
     def _empty(self, events: Events, bounds: Ints, side: int) -> Floats:
         """Allocate an array (frames, scales, orientations, rows, columns) for the responses of cells."""
@@ -239,11 +239,11 @@ class Bank(FrontEndPart):
         return np.empty((len(bounds) - 1, len(self.sizes), len(self.orientations), height // side, width // side))
 
     def responses(self, events: Events, bounds: Ints, side: int, representation: Representation = COUNTS) -> Floats:
-        """Return the rectified "same" correlation of each frame with each filter, as the maximum of each cell.
+        """Return the maximum in each cell of the rectified "same" correlation of each frame with each filter.
 
         Args:
             events: a recording inside the field.
-            bounds: (frames + 1,) frame i is ``[bounds[i], bounds[i + 1])``.
+            bounds: (frames + 1,) indices; frame i has the events ``[bounds[i], bounds[i + 1])``.
             side: side of a cell, px.
             representation: representation of a frame.
 
@@ -307,8 +307,8 @@ class Gabors(_OfGabors):
 class Sobels(Bank):
     """Directional Sobel filters: the gradient of the pixel values in each direction, with unit norm.
 
-    Each filter is a central difference along the direction and a binomial mean across it. A direction between the axes
-    is the sum of both axes' filters, weighted by cosine and sine.
+    Each filter is a central difference along the direction and a binomial mean across it. The filter of a direction
+    between the axes is the sum of the filters of both axes, weighted by cosine and sine.
     """
 
     known_as = "sobel"
@@ -321,7 +321,7 @@ class Sobels(Bank):
 
     @cached_property
     def filters(self) -> Floats:
-        """(scales, orientations, side, side), smaller filters centred and padded with zeros."""
+        """(scales, orientations, side, side) filters. Smaller filters are centred and padded with zeros."""
         side, angles = max(self.sizes), np.deg2rad(self.orientations)
         bank = np.zeros((len(self.sizes), len(angles), side, side))
         for s, size in enumerate(self.sizes):
@@ -362,8 +362,9 @@ class LeakyGabors(_OfGabors):
     def work(self, size: FrameSize) -> Works:
         """Return the operations of an event under all filters, and of all responses at the end of a frame.
 
-        The time since the last event and the leak in that time take 2 operations. A response takes 3 to move to 0, and
-        1 to add a value of the filter. At the end of a frame it leaks once more, and takes a sign and a comparison.
+        The time since the last event and the leak in that time take 2 operations. A response takes 3 operations to
+        move towards 0, and 1 to add a value of the filter. At the end of a frame, a response leaks once more, and takes
+        a sign and a comparison.
         """
         area, responses = sum(side * side for side in size.sides), size.responses * size.side**2
         event = on_numbers(area * (2 + 4 * size.orientations), 4 + area * (2 + 3 * size.orientations))
@@ -383,7 +384,7 @@ class Pool(FrontEndPart):
 
     @abstractmethod
     def passed(self, responses: Floats, sizes: Sequence[int]) -> Floats:
-        """Return the responses with those set to 0 that the pool suppresses.
+        """Return a copy of the responses in which suppressed responses are 0.
 
         Args:
             responses: (frames, scales, orientations, rows, columns) of cells.
@@ -402,7 +403,7 @@ class Max(Pool):
         return responses
 
     def work(self, size: FrameSize) -> Works:
-        """Return nothing: the bank's comparisons are the pool."""
+        """Return no operations, because the bank's comparisons already find the largest responses."""
         return {}
 
 
@@ -417,7 +418,7 @@ class LocalMaximum(Pool):
     least: float = setting(0.2, "", "smallest response that passes", "MK-Tempotron, top_onN_MNIST.m", at_least=0)
 
     def passed(self, responses: Floats, sizes: Sequence[int]) -> Floats:
-        """Keep responses >= `least` that are the largest of their orientation and scale within half a filter."""
+        """Keep responses >= `least` that are the largest within half a filter, at the same orientation and scale."""
         from scipy.ndimage import maximum_filter
 
         highest = np.empty_like(responses)

@@ -47,7 +47,7 @@ class Encoder(FrontEndPart):
 
     @abstractmethod
     def channels(self, scales: int, orientations: int) -> int:
-        """Return the number of inputs per place, the first axis of the ids; the other axes are rows and columns."""
+        """Return the number of inputs per place. Ids have the axes channels, rows and columns."""
 
     def bands(self, sizes: Sequence[int], orientations: Sequence[float]) -> tuple[str, ...]:
         """Return names of the channels for filters of these sizes, px, and orientations, degrees."""
@@ -61,11 +61,11 @@ class Encoder(FrontEndPart):
         """Return the spikes of each frame.
 
         Args:
-            responses: (frames, scales, orientations, rows, columns).
+            responses: (frames, scales, orientations, rows, columns) responses >= 0.
 
         Returns:
-            (spikes,) codes; (spikes,) ids; (frames,) number of spikes of each frame. The spikes of a frame are
-            ordered by time.
+            (spikes,) codes; (spikes,) ids; (frames,) number of spikes of each frame. Spikes are ordered by frame, and
+            by time within a frame.
         """
 
     def learn(self, codes: Array) -> dict[str, Array]:
@@ -150,8 +150,9 @@ class LogLatency(Encoder):
     def work(self, size: FrameSize) -> Works:
         """Return the operations of a frame.
 
-        The strongest scale is a comparison for each response. A value takes 10: the peak, the share, the least share,
-        log, a difference, a factor, the span, and a tick's division, rounding and limit. Then the values are sorted.
+        To find the strongest scale takes a comparison for each response. A value takes 10 operations: the peak, the
+        share, the least share, log, a difference, a factor, the span, and a tick's division, rounding and limit. Then
+        the values are sorted.
         """
         values = size.responses if self.scales == "all" else size.orientations * size.cells
         return {"frame": _coded(size.responses - values + 10 * values, 1, values, self.first, size)}
@@ -221,7 +222,7 @@ class Frames:
     Attributes:
         codes: (spikes,) codes, from which an encoder computes the times.
         ids: (spikes,) indices of the inputs.
-        offsets: (frames + 1,) frame i has the spikes ``[offsets[i], offsets[i + 1])``.
+        offsets: (frames + 1,) indices; frame i has the spikes ``[offsets[i], offsets[i + 1])``.
         recording: (frames,) index of the recording of each frame, ascending.
     """
 
@@ -271,14 +272,14 @@ def votes(
 
     Args:
         results: trials of all frames.
-        recording: (frames,) index of the recording of each.
+        recording: (frames,) index of the recording of each frame.
         recordings: number of recordings; some may have no frames.
-        classes: number of classes. Each has equally many maps (neurons that share a kernel), stored one after the
-            other.
+        classes: number of classes. Each class has equally many maps (neurons that share a kernel). The maps of a class
+            are stored one after the other.
         mean_over_maps: whether the potential of a class is the mean over its maps instead of the largest.
 
     Returns:
-        (recordings, classes) each; a row is NaN if no frame of the recording supports any class.
+        (recordings, classes) scores by the name of the rule. A row is NaN if no frame supports any class.
     """
     decided = results.label >= 0
     wins = np.zeros((recordings, classes))
@@ -310,7 +311,7 @@ def potentials(sums: Floats) -> Floats:
     """Return the sums as scores, with rows of zeros replaced by NaN.
 
     Args:
-        sums: (recordings, classes) sum over the frames of the class's potential at the decision, mV.
+        sums: (recordings, classes) potential of a class at the decision, summed over the frames, mV.
 
     Returns:
         (recordings, classes); a row is NaN if no map of any class received a spike.

@@ -48,7 +48,7 @@ DISTANCES: Mapping[str, Callable[[Array, Array], Floats]] = {
 
 
 def _shares(x: Array) -> Floats:
-    """Divide each vector by its sum; a vector of zeros is unchanged."""
+    """Divide each vector by its sum. A vector of zeros is unchanged."""
     total = x.sum(axis=1, keepdims=True)
     return np.asarray(x / np.where(total > 0, total, 1.0))
 
@@ -69,10 +69,10 @@ class Readout(Part):
         """Train the classifier.
 
         Args:
-            x: (recordings, values).
-            labels: (recordings,) from 0 to classes - 1.
+            x: (recordings, values) vectors.
+            labels: (recordings,) classes, from 0 to classes - 1.
             classes: number of classes; some may have no recordings.
-            course: conditions of the training; the seed is used.
+            course: conditions of the training, of which only the seed is used.
 
         Raises:
             ModelError: an optional dependency is not installed.
@@ -83,7 +83,7 @@ class Readout(Part):
         """Return scores (recordings, classes), larger for a more likely class."""
 
     def work(self, learnt: Learnt, values: int, classes: int) -> Work | None:
-        """Return the operations of `scores` for a vector of `values` values; None without a count."""
+        """Return the operations of `scores` for a vector of `values` values; None if they are not counted."""
         return None
 
 
@@ -101,7 +101,7 @@ class Svm(Readout):
 
     @property
     def takes_sparse(self) -> bool:
-        """Whether `x` may be a sparse matrix: only if values are not scaled."""
+        """Whether `x` may be a sparse matrix, which holds only if values are not scaled."""
         return self.scale == "none"
 
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
@@ -127,14 +127,14 @@ class Svm(Readout):
         return np.asarray(self._scaled(x) @ m["weights"].T + m["thresholds"])
 
     def _scaled(self, x: Array) -> Array:
-        """Scale vectors to length 1 if the setting asks for it; a vector of zeros is unchanged."""
+        """Scale vectors to length 1 if `scale` is "length". A vector of zeros is unchanged."""
         if self.scale != "length":
             return x
         length = np.sqrt((x**2).sum(axis=1, keepdims=True))
         return np.asarray(np.divide(x, length, out=np.zeros_like(x), where=length > 0))
 
     def work(self, learnt: Learnt, values: int, classes: int) -> Work:
-        """Return a product with a sum for each weight, and a threshold; a length takes squares, root and divisions."""
+        """Return a multiply-add for each weight, and a threshold. A length takes squares, a root and divisions."""
         length = (2 * values + 1) * (self.scale == "length")
         return on_numbers(classes * (values + 1) + length, values + classes * (values + 2))
 
@@ -171,7 +171,7 @@ class Rbf(Readout):
         return np.asarray(kernel @ m["weights"].T + m["thresholds"])
 
     def work(self, learnt: Learnt, values: int, classes: int) -> Work:
-        """Return the operations: 3 a value, products with each vector and its squares, 6 a kernel, and the weights."""
+        """Return the operations: 3 per value, products with each vector and its squares, 6 per kernel, and weights."""
         vectors = len(np.asarray(learnt["weights"])[0])
         macs = 3 * values + 2 * vectors * values + 6 * vectors + classes * (vectors + 1)
         return on_numbers(macs, 3 * values + vectors * (values + classes) + 2 * classes)
@@ -245,7 +245,7 @@ Readout.known = Registry("readout", (Svm, Rbf, Ridge, Nearest))
 
 
 def _scale(x: Array) -> tuple[Floats, Floats]:
-    """Return mean and standard deviation of each value; the deviation of a constant value is set to 1."""
+    """Return mean and standard deviation of each value. The deviation of a constant value is set to 1."""
     spread = x.std(axis=0)
     return x.mean(axis=0), np.where(spread > 0, spread, 1.0)
 

@@ -24,7 +24,7 @@ class Cleaner(Part):
 
     @abstractmethod
     def new_filter(self, sensor_size: tuple[int, int]) -> Callable[[Events], Events]:
-        """Return a function that filters a recording part after part."""
+        """Return a function that filters a recording in successive parts."""
 
     def clean(self, events: Events) -> Events:
         """Return the events of a recording that pass the filter."""
@@ -72,13 +72,13 @@ class Segmenter(FrontEndPart):
     tentative: ClassVar[bool] = False
 
     def bounds(self, t: Ints) -> Ints:
-        """Return the first event of each segment and the end of the last; later events belong to no segment.
+        """Return the first event of each segment, and the end of the last segment. Later events belong to no segment.
 
         Args:
             t: (n,) times, us, ascending.
 
         Returns:
-            (segments + 1,) segment i is ``[bounds[i], bounds[i + 1])``.
+            (segments + 1,) indices; segment i has the events ``[bounds[i], bounds[i + 1])``.
         """
         cutter = self.cutter()
         return np.concatenate([np.zeros(1, np.int64), cutter.cuts(t), cutter.end()])
@@ -95,12 +95,12 @@ class Segmenter(FrontEndPart):
             bounds: bounds of the segments.
 
         Returns:
-            (segments,) us, the time of the first event after which the segment's end is certain.
+            (segments,) time of the event from which on the end of the segment is certain, us.
         """
         return t[bounds[1:] - 1]
 
     def proposal(self, events: float, us: float) -> dict[str, float]:
-        """Return settings with which a recording has about four segments; nothing if no setting is known.
+        """Return settings with which a recording has about four segments; an empty dict if no setting is known.
 
         Args:
             events: number of events of the recording.
@@ -202,8 +202,9 @@ class Ses(Segmenter):
     def work(self, size: FrameSize) -> Works:
         """Return the operations of an event.
 
-        1 for the difference of times, 3 for each of two leaks, 1 for the difference of the leaks, 2 for the candidate
-        and 2 for the first of the queue (a difference and a comparison), 2 for a new candidate, 2 for the queue's end.
+        The difference of times takes 1 operation, each of two leaks 3, and the difference of the leaks 1. The candidate
+        and the first of the queue take 2 each (a difference and a comparison). A new candidate takes 2, and the end of
+        the queue 2.
         """
         return {"event": on_numbers(1 + 2 * 3 + 1 + 2 * 2 + 2 + 2, 9)}
 
@@ -219,7 +220,7 @@ class _End(segmentation.Cutter):
         return segmentation.NONE
 
     def end(self) -> Ints:
-        """Return the end of the recording; nothing without events."""
+        """Return the end of the recording; an empty array without events."""
         return np.array([self.count] if self.count else [], np.int64)
 
 
@@ -235,7 +236,7 @@ class Whole(Segmenter):
         return _End()
 
     def work(self, size: FrameSize) -> Works:
-        """Return nothing: the recording is one segment."""
+        """Return no operations, because the recording is one segment."""
         return {}
 
 

@@ -155,7 +155,7 @@ def prototypes(kernels: Floats, classes: Sequence[str], orientations: Sequence[f
 
 
 def images(pictures: Floats, heads: Sequence[str], title: str, about: str, columns: int = MOST_COLUMNS) -> Figure:
-    """Draw images side by side, darker for larger values, negative values in orange; each image has its own scale.
+    """Draw images side by side. Larger values are darker, negative ones orange, and each image has its own scale.
 
     Args:
         pictures: (images, rows, columns).
@@ -274,7 +274,7 @@ def relearnt(accuracies: Mapping[str, Floats], before: int, classes: int) -> Fig
 
 
 MOST_FRAMES = 9
-"""Largest number of frames in a picture; more are subsampled evenly."""
+"""Largest number of frames in a picture. More frames are subsampled evenly."""
 GREYS = ("#dde3ea", "#b6c2cf", "#8fa0b3", "#66788e")
 """Colours of pixels with 1, 2, 3 and more events."""
 

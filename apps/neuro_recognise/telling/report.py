@@ -165,7 +165,7 @@ def _length(events: Events) -> float:
 
 
 class LearningBar:
-    """A progress bar, and a line that stays for each finished activity with a share of right decisions."""
+    """A progress bar. A finished activity with a share of right decisions leaves a line."""
 
     def __enter__(self) -> LearningBar:
         self._line = Line().__enter__()
@@ -247,7 +247,7 @@ def describe(recogniser: Recogniser) -> None:
 
 
 def figures(recogniser: Recogniser, result: Tried) -> str:
-    """Return all figures as JSON; those at the top level belong to the recogniser's own scores."""
+    """Return all figures as JSON. Figures at the top level belong to the recogniser's own scores."""
     contents = {"format": FORMAT, "method": recogniser.method.called(), **result.own.as_words()}
     contents |= {"classes": list(recogniser.classes)}
     return json.dumps(
@@ -340,7 +340,7 @@ def write_confusion(result: Tried, folder: Path) -> None:
 
 
 def write_pictures(recogniser: Recogniser, folder: Path) -> None:
-    """Draw what was learnt; if the method has no pictures, print a line instead."""
+    """Draw pictures of the training result. If the method has no pictures, print a line instead."""
     figures = recogniser.method.pictures(recogniser.learnt, recogniser.classes)
     for name, figure in figures.items():
         _save(figure, folder / f"{name}.png")

@@ -18,11 +18,11 @@ from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.telling.report import MOMENTS
 
 MOST = 1_000_000
-"""Largest number of events on a page, and of spikes in a view; more are subsampled evenly."""
+"""Largest number of events on a page, and of spikes in a view. Larger numbers are subsampled evenly."""
 LONGEST_MS = 4000.0
 """Longest duration that is shown, counted from the first event, ms."""
 FINER = 3
-"""Factor on `MOMENTS` for a page, if `learn_early` has not set the moments."""
+"""Number of decisions of a page, as a multiple of `MOMENTS`, if `learn_early` has not set the moments."""
 
 TALL = 340
 """Height of the panels in the upper row, px."""
@@ -90,7 +90,7 @@ def watchable(recording: Path) -> Events:
 def decisions(
     recogniser: Recogniser, events: Events, allow: float | None, backend: str, assurance: float = ASSURANCE
 ) -> list[Decision]:
-    """Return the decisions over the course of a recording, at the moments of `learn_early` or at 60 even ones."""
+    """Return the decisions of a recording at the moments of `learn_early`, or else at 60 evenly spaced moments."""
     length_ms = max(1.0, (int(events.t[-1]) - int(events.t[0])) / 1000.0)
     every_ms = recogniser.early.held.times_us[0] / 1000.0 if recogniser.early else length_ms / (FINER * MOMENTS)
     window_ms = length_ms + every_ms
@@ -102,23 +102,23 @@ def decisions(
 
 def summary(recogniser: Recogniser, decisions: Sequence[Decision], allow: float | None) -> str:
     """Return the decision and its time in a few words."""
-    stop = next((one for one in decisions if one.settled), None)
-    one = stop or decisions[-1]
-    name = "silent" if one.label == SILENT else recogniser.classes[one.label]
+    stop = next((decision for decision in decisions if decision.settled), None)
+    final = stop or decisions[-1]
+    name = "silent" if final.label == SILENT else recogniser.classes[final.label]
     if stop is not None:
         return (
             f"{name}, settled after {stop.after_ms:.0f} of {decisions[-1].after_ms:.0f} ms for an error of {allow:.1%}"
         )
-    if one.label == SILENT:
-        return f"{name}, after all {one.after_ms:.0f} ms"
+    if final.label == SILENT:
+        return f"{name}, after all {final.after_ms:.0f} ms"
     # The moments of `neuro recognise predict`, so that both report the same time.
     comparable = decisions if recogniser.early else decisions[FINER - 1 :: FINER]
-    last_change = one
+    last_change = final
     for decision in reversed(comparable):
-        if decision.label != one.label:
+        if decision.label != final.label:
             break
         last_change = decision
-    return f"{name}, unchanged since {last_change.after_ms:.0f} of {one.after_ms:.0f} ms"
+    return f"{name}, unchanged since {last_change.after_ms:.0f} of {final.after_ms:.0f} ms"
 
 
 def page(
@@ -137,7 +137,7 @@ def page(
         events: events of the recording, at least one.
         decisions: decisions over time, at least one.
         views: intermediate results of the method.
-        allow: the allowed error; None without one.
+        allow: allowed share of wrong decisions; None if there is no limit.
     """
     decision, stop = (
         np.array([decision_k.after_ms for decision_k in decisions]),
@@ -220,7 +220,7 @@ def event_track(events: Events, end: float, parts: float, most: float) -> tuple[
     Args:
         events: all events.
         end: duration of the page, ms.
-        parts: a moment shows the latest events, up to the page's duration divided by this number.
+        parts: each moment shows the events of the time before it, which is at most `end` / `parts`.
         most: longest time that a moment shows, ms.
     """
     stride = player.evenly(len(events), MOST)
@@ -250,7 +250,7 @@ def span_note(span: float) -> html.Html:
 
 
 def _notes(recogniser: Recogniser, decisions: Sequence[Decision], stop: int | None) -> list[str]:
-    """Return the text before the first moment, and at each."""
+    """Return the text before the first moment, and the text at each moment."""
     notes = ["nothing decided yet"]
     for k, decision in enumerate(decisions):
         sure = f", {100 * decision.confidence:.0f} % sure" if np.isfinite(decision.confidence) else ""
