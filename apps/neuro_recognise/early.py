@@ -1,6 +1,6 @@
 """Training for early decisions: decisions on held-out recordings at each moment.
 
-Cross-validation holds out each fold once: a recogniser that was trained on the other folds decides on it. Methods with
+Each fold is held out once, and a recogniser that was trained on the other folds decides on its recordings. Methods with
 `Method.by_moment` are trained separately for each moment, on beginnings of recordings. All other methods are trained on
 whole recordings. Both computations consist of steps, and a checkpoint follows each step. Separate trainings first
 compute the evidence of all beginnings, and store it in files of a hundred recordings each:

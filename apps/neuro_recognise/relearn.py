@@ -172,7 +172,7 @@ def rules(names: Sequence[str] = (), values: Mapping[str, Any] | None = None) ->
     """Return methods that learn from labels epoch by epoch.
 
     Args:
-        names: names as in `neuro_recognise.compare.contestants`, or ``linear``; `RULES` if empty.
+        names: names of methods, see `neuro_recognise.compare.contestants`, or ``linear``; `RULES` if empty.
         values: settings for all of these methods.
 
     Raises:
@@ -188,9 +188,10 @@ def rules(names: Sequence[str] = (), values: Mapping[str, Any] | None = None) ->
 
 
 def permuted(labels: Ints, classes: int, seed: int) -> Ints:
-    """Permute the labels so that no class keeps its own: in a random cycle, each class gets the previous class's label.
+    """Permute the labels so that no class keeps its label. Each class gets the label of the class before it in a cycle.
 
-    E.g. the cycle 2, 0, 1 gives class 2 the label 1, class 0 the label 2 and class 1 the label 0.
+    The seed determines the cycle. E.g. the cycle 2, 0, 1 gives class 2 the label 1, class 0 the label 2, and class 1
+    the label 0.
     """
     circle = np.random.default_rng([seed, 57]).permutation(classes)
     permutation = np.empty(classes, np.int64)
@@ -201,7 +202,7 @@ def permuted(labels: Ints, classes: int, seed: int) -> Ints:
 def relearn(
     data: Recordings, plan: Relearning, report: Callable[[Progress], None] = lambda progress: None
 ) -> dict[str, Floats]:
-    """Train, permute the labels, and continue the training; a seed with a result in the folder is not repeated.
+    """Train, permute the labels, and continue the training. Results that are already in the folder are reused.
 
     Args:
         data: labelled recordings.

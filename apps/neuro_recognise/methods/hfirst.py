@@ -179,9 +179,10 @@ def first_spikes(
     height: int,
     width: int,
 ) -> Ints:
-    """Simulate layer S1: at each place the first orientation to reach the threshold fires and resets the others.
+    """Simulate layer S1. At each place the first orientation to reach the threshold fires, and resets the others.
 
-    A place is updated only when an event reaches it. Among orientations with equal potentials the first fires.
+    A place is updated only when an event reaches it. Of several orientations, the one with the largest potential fires.
+    Of equal potentials, the first one fires.
 
     steps: int64[n], ascending, steps in which events arrive; rows, columns: int64[n]; bank: float64[side, side,
     orientations], mV; leak: mV per step; refractory: steps after a spike. Returns int64[2, spikes]: steps and

@@ -184,7 +184,7 @@ class Layers:
     def from_state(
         cls, settings: Hierarchy, sensor_size: tuple[int, int], state: Mapping[str, npt.NDArray[Any]]
     ) -> Layers:
-        """Restore layers from a state; `learn` continues to the same bits.
+        """Restore layers from a state. `learn` then continues the training with the same bits.
 
         Args:
             settings: settings with which the state was learnt.
@@ -210,7 +210,12 @@ class Layers:
         return side, side, self.settings.channels_of(layer), self.settings.centres_of(layer)
 
     def _empty_map(self, layer: int, margin: int) -> Seen:
-        """Return an empty map of a layer's last events with a margin, px."""
+        """Return an empty map of a layer's last events.
+
+        Args:
+            layer: index of the layer.
+            margin: width of the border around the field, px.
+        """
         from neuro_recognise.methods._hots_kernels import Seen
 
         (width, height), s = self.sensor_size, self.settings

@@ -112,7 +112,7 @@ class LogLatency(Encoder):
         return orientations
 
     def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:
-        """Return ticks as codes; spikes with equal ticks are ordered by id."""
+        """Return ticks as codes. Spikes with equal ticks are ordered by id."""
         selected = responses.max(axis=1, keepdims=True) if self.scales == "strongest" else responses
         latencies = (
             self._latencies_by_filter(selected) if self.ranges == "filter" else self._latencies_by_frame(selected)
@@ -171,7 +171,7 @@ class Latency(Encoder):
         return scales * orientations
 
     def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:
-        """Return responses as codes; spikes with equal responses are ordered by id."""
+        """Return responses as codes. Spikes with equal responses are ordered by id."""
         flat = responses.reshape(len(responses), int(np.prod(responses.shape[1:])))
         frame, ids = np.nonzero(flat > 0)
         strength = flat[frame, ids]
@@ -185,7 +185,7 @@ class Latency(Encoder):
         return {"largest": np.array(codes.max())}
 
     def times(self, codes: Array, learnt: Learnt) -> Floats:
-        """Convert responses to ms; responses at or above the largest training response spike at 0."""
+        """Convert responses to ms. Responses at or above the largest training response spike at 0 ms."""
         weak = 1.0 - np.minimum(codes / np.asarray(learnt["largest"], float), 1.0)
         return np.asarray(np.minimum(weak * self.window // self.resolution, self.last) * self.resolution)
 
@@ -205,7 +205,7 @@ def _coded(macs: float, per_value: float, values: int, first: int, size: FrameSi
 
 
 def _first(order: Ints, lengths: Ints, n: int) -> tuple[Ints, Ints]:
-    """Limit each frame to its first `n` spikes; 0 for no limit. Return their order and the number per frame."""
+    """Return `order` and `lengths` limited to the first `n` spikes of each frame; 0 for no limit."""
     if not n:
         return order, lengths
     rank = np.arange(len(order)) - np.repeat(np.cumsum(lengths) - lengths, lengths)

@@ -27,11 +27,11 @@ def reconstructed(kernels: Floats, filters: Floats, side: int) -> Floats:
 
     Args:
         kernels: (features, orientations, rows, columns) weights of cells; negative weights are ignored.
-        filters: (orientations, height, width) filters of the cells, odd sides.
+        filters: (orientations, height, width) filters of the cells, with odd sides.
         side: side of a cell, px; its filter is centred in the cell.
 
     Returns:
-        (features, rows * side, columns * side).
+        (features, rows * side, columns * side) images.
 
     Source: Masquelier and Thorpe, PLoS Comput. Biol. 3:e31, 2007, figure 3.
     """
@@ -99,7 +99,7 @@ class Rated(Protocol):
 
 
 def accuracies(results: Sequence[tuple[str, Sequence[Rated]]]) -> Figure:
-    """Plot the accuracy of each method, one dot per seed, over the 95 % interval of the mean; the best at the top.
+    """Plot the accuracy of each method as a dot per seed, over the 95 % interval of the mean. The best is at the top.
 
     Args:
         results: names with an accuracy for each seed.
@@ -128,14 +128,14 @@ def accuracies(results: Sequence[tuple[str, Sequence[Rated]]]) -> Figure:
 
 
 def prototypes(kernels: Floats, classes: Sequence[str], orientations: Sequence[float]) -> Figure:
-    """Draw the learnt kernels, one column per class: each cell has a bar for each orientation.
+    """Draw the learnt kernels in one column per class. Each cell has a bar for each orientation.
 
-    A bar has the direction that its Gabor filter prefers, its opacity is the weight, and its colour is the orientation.
+    A bar has the direction that its Gabor filter prefers. Its opacity is the weight, its colour the orientation.
 
     Args:
         kernels: (maps, orientations, rows, columns) weights; each class has equally many maps, one after the other.
         classes: names of the classes.
-        orientations: degrees.
+        orientations: (orientations,) angles of the bars, degrees; 0 is vertical.
 
     Source: thesis figures 50-52.
     """
@@ -246,10 +246,10 @@ LINES = ("#0072B2", "#56B4E9", "#8a94a3", "#D55E00", "#009E73", "#7B4FA3", "#172
 
 
 def relearnt(accuracies: Mapping[str, Floats], before: int, classes: int) -> Figure:
-    """Plot accuracy by epoch of methods whose labels are permuted after some epochs: mean and range over seeds.
+    """Plot mean and range over seeds of accuracy by epoch, for methods whose labels are permuted after some epochs.
 
     Args:
-        accuracies: (seeds, epochs) by method name.
+        accuracies: (seeds, epochs) accuracies, by the name of the method.
         before: number of epochs before the permutation.
         classes: number of classes.
     """

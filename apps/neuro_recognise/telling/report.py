@@ -34,7 +34,7 @@ class Tried:
 
     Attributes:
         own: evaluation by the scores of the recogniser.
-        votes: evaluations by other decision rules on the same evidence, by name.
+        votes: evaluation by each decision rule on the same evidence, by the name of the rule.
         answer: scores, and the run of the network that computed them.
     """
 
@@ -72,10 +72,11 @@ class Predicted:
 
     Attributes:
         path: the file.
-        label: index of the class, -1 for none.
+        label: index of the class, -1 without evidence for any class.
         scores: (classes,) score of each class.
-        decided_ms: time of the decision since the first event, ms. With an allowed error: the time at which the rule
-            decided, or the end. Without: the earliest moment after which the decision did not change. None if silent.
+        decided_ms: time of the decision since the first event, ms. With an allowed error, this is the time at which the
+            rule decided, or the end. Without an allowed error, this is the earliest moment after which the decision
+            did not change. None without a decision.
         length_ms: duration of the recording, ms.
         settled: whether an allowed error was met.
     """
@@ -224,9 +225,9 @@ def show_settings(name: str) -> None:
 
 
 def training_summary(recogniser: Recogniser) -> str:
-    """Return a line with the method, the number of classes and of training recordings, and whether it learnt nothing.
+    """Return a line with the method, the number of classes, and the number of training recordings.
 
-    The accuracy on frames in the last epoch is compared with chance, if the method has a learning curve.
+    A warning follows if the method has a learning curve, and its accuracy in the last epoch is not above chance.
     """
     chance, history = 1 / len(recogniser.classes), np.ravel(recogniser.learnt.get("history", 1.0))
     message = f"{recogniser.method.called()} for {len(recogniser.classes)} classes"
@@ -262,8 +263,9 @@ def show(recogniser: Recogniser, result: Tried) -> None:
     rows = [_row(name, result.own), *(_row(f"  by {vote}", evaluation) for vote, evaluation in result.votes.items())]
     out.print(table(("method", ">accuracy", ">95 % interval", ">right", ">of"), rows))
     own = result.own
-    columns = ("shown", *(f">{one}" for one in (*own.classes, "silent")))
-    cells = ((one, *(n or "." for n in row)) for one, row in zip(own.classes, own.confusion.tolist(), strict=True))
+    columns = ("shown", *(f">{class_name}" for class_name in (*own.classes, "silent")))
+    counts_by_class = zip(own.classes, own.confusion.tolist(), strict=True)
+    cells = ((class_name, *(n or "." for n in counts)) for class_name, counts in counts_by_class)
     out.print(table(columns, cells, title=f"decided by {name}"))
     silent, total = int(own.confusion[:, -1].sum()), int(own.confusion.sum())
     if 4 * silent > total:
@@ -349,14 +351,14 @@ def write_pictures(recogniser: Recogniser, folder: Path) -> None:
 
 
 NEAR = 0.03
-"""Difference from the accuracy before the permutation, below which labels count as relearnt."""
+"""Labels count as relearnt if the accuracy is at most this much below the accuracy before the permutation."""
 
 
 def show_relearnt(accuracies: Mapping[str, Floats], before: int, classes: int, file: Path) -> None:
     """Print how well each method relearnt permuted labels, and plot accuracy by epoch.
 
     Args:
-        accuracies: (seeds, epochs) by method name.
+        accuracies: (seeds, epochs) accuracies, by the name of the method.
         before: number of epochs before the permutation.
         classes: number of classes.
         file: file of the plot.
