@@ -123,7 +123,7 @@ class HeldOut:
         times: durations of the beginnings, us.
         folds: for each fold, the indices of the recordings to learn from, and of the recordings to decide on.
         backend: backend that scores recordings; trainings use the backend of the recogniser's training.
-        base: path of which the names of intermediate files begin with the name.
+        base: path whose file name is the prefix of the names of intermediate files.
         cache: folder for evidence of whole recordings; None uses the user's cache.
         report: function that is called with the progress.
     """
