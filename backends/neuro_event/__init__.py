@@ -1,7 +1,8 @@
 """The float simulator: event-driven and compiled by numba, which is imported only when a network is built.
 
-Three packages, imported in one direction: `host` (the Python side, which acts between steps) imports `building` (turns
-a program into the arrays and tables of the kernels), which imports `loop` (the compiled kernels).
+There are three packages. `host` is the Python side, which acts between steps. `building` turns a program into the
+arrays and tables of the kernels. `loop` has the compiled kernels. Imports have one direction: `host` imports
+`building`, and `building` imports `loop`.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ class EventBackend:
     unsupported: dict[str, str] = {}
 
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
-        """Return an error for each part that only exists on a chip; everything else runs."""
+        """Return an error for each part of the program that only exists on a chip. Everything else runs."""
         return floats_only(program)
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
@@ -31,11 +32,13 @@ class EventBackend:
 
         Args:
             program: the program to run.
-            threads: number of threads, which share the neurons.
-            options: only `strict`, which chips understand; it has no effect, since floats do not overflow.
+            threads: number of threads, among which the neurons are divided.
+            options: only `strict` is accepted. It has a meaning for chips, but no effect here, since floats do not
+                overflow.
 
         Raises:
-            ModelError: an option is unknown, `threads` is not a whole number >= 1, or numba is told not to compile.
+            ModelError: an option is unknown, `threads` is not a whole number >= 1, or numba is configured not to
+                compile.
         """
         for name in options.keys() - {"strict"}:
             raise ModelError(

@@ -1,4 +1,4 @@
-"""Building of all arrays of a program at step 0, and their snapshot, restoration and compilation."""
+"""Build all arrays of a program at step 0, save and restore them, and compile the functions that a network calls."""
 
 from __future__ import annotations
 
@@ -42,7 +42,10 @@ from neuro_event.loop.operations import entry, generator_entry
 from neuro_event.loop.tables import STAGES, stage_entry
 
 LINE = 16
-"""Distance, in numbers, of values that two threads write often, so that the values share no cache line."""
+"""Distance between values that different threads write often, as a number of values.
+
+At this distance the values are in different cache lines.
+"""
 
 
 def build(
@@ -58,8 +61,9 @@ def build(
         program: the program.
         threads: number of threads.
         eager: whether synapses may learn eagerly.
-        edges: blocks at which the threads' neurons begin, as in a snapshot; None to choose them.
-        joined: projections in joined rows, as in a snapshot; None to choose them.
+        edges: first block of each thread in each population, and the end, (populations, threads + 1), from a
+            snapshot; None to choose a division.
+        joined: indices of the projections in joined rows, from a snapshot; None to choose them.
     """
     places = layout.places(program)
     if joined is None:
@@ -96,7 +100,7 @@ def build(
 
 
 def _nothing_learns(threads: int) -> dict[str, Any]:
-    """Return the arrays of learning for a network in which nothing learns."""
+    """Return the plastic arrays of a network in which no synapse learns."""
     shared = ("shared", *(f"shared_{key}" for key in ("sources", "targets", "entries", "positions", "pairs", "marks")))
     moves = ("moves", "move_sources", "move_marks", "move_targets")
     none = dict.fromkeys(("sources", "targets", "room", *moves, *shared), 0)
@@ -107,7 +111,7 @@ def _nothing_learns(threads: int) -> dict[str, Any]:
 
 
 def _sizes(program: Program, edges: Ints, longest: int, slice_: int, reach: int) -> dict[str, int]:
-    """Return the sizes of the arrays by the names in `tables.NET`."""
+    """Return the sizes of the dimensions that the declarations in `tables.NET_ARRAYS` name."""
     n, groups, trials = layout.neuron_places(program), program.groups, program.trials
     most = int((np.diff(edges, axis=1).sum(axis=0) * t.BLOCK).max())
     states = [len(type(p.model).states) for p in program.populations if layout.has_states(p)]
@@ -189,7 +193,12 @@ def _populations(arrays: EventArrays) -> None:
 
 
 def rebuild_constants(arrays: EventArrays, changed: Mapping[int, Floats]) -> None:
-    """Lay out the parameters of all populations, with new rows for some, and compute their constants."""
+    """Lay out the parameters of all populations, and compute their constants.
+
+    Args:
+        arrays: all arrays.
+        changed: new rows of parameters, (1 or neurons, parameters), by population. The others keep their rows.
+    """
     rows = [
         changed[k] if k in changed else parameters(arrays, k)
         for k, p in enumerate(arrays.program.populations)
@@ -211,7 +220,7 @@ def rebuild_constants(arrays: EventArrays, changed: Mapping[int, Floats]) -> Non
 
 
 def parameters(arrays: EventArrays, k: int) -> Floats:
-    """Return the present parameters of a population: a single row, or a row per neuron in internal order."""
+    """Return the present parameters of a population: one row for all neurons, or a row per neuron in internal order."""
     first, stride = arrays.net["pops"][k, [t.CONSTANT, t.CONSTANT_STRIDE]].tolist()
     n = arrays.program.populations[k].size if stride else 1
     rows: Floats = arrays.net["parameters"][first : first + n, : len(arrays.program.populations[k].parameters)]
@@ -235,7 +244,7 @@ def _groups(arrays: EventArrays) -> None:
             net["local"][k] = (choice.radius, choice.per_map or 0, *shape, next_map, next_place)
             net["standing"][k, t.OPEN] = math.prod(shape)
         elif isinstance(choice, lateral_reset):
-            # Number of neurons that compete, and their distance in internal places.
+            # Number of neurons that compete, and the distance between two neighbours among them in internal places.
             net["groups"][k, [t.RIVALS, t.APART]] = shape[choice.axis], place.steps(shape)[choice.axis]
     most = max(1, int(net["groups"][:, t.RIVALS].max()))
     net["rivals"] = np.zeros((net["edges"].shape[1] - 1, most), dtype=np.int64)
@@ -249,7 +258,12 @@ def _groups(arrays: EventArrays) -> None:
 
 
 def declared_in(arrays: EventArrays, *lives: str) -> Iterator[tuple[str, Declared, dict[str, Any]]]:
-    """Yield declared arrays, all or with given lifetimes: name in a snapshot, declaration, dictionary of arrays."""
+    """Yield the declared arrays as (name in a snapshot, declaration, dictionary that holds the array).
+
+    Args:
+        arrays: all arrays.
+        lives: lifetimes of the arrays to yield; without any, all arrays are yielded.
+    """
     for part, declarations, owner in (("net", t.NET_ARRAYS, arrays.net), ("plastic", t.PLASTIC_ARRAYS, arrays.plastic)):
         for array in declarations:
             if not lives or array.life in lives:
@@ -257,7 +271,7 @@ def declared_in(arrays: EventArrays, *lives: str) -> Iterator[tuple[str, Declare
 
 
 def snapshot(arrays: EventArrays) -> dict[str, NDArray[Any]]:
-    """Return copies of all arrays that change while a network runs."""
+    """Return copies of all arrays, or of their columns, that change while a network runs."""
     settle(arrays)
     return {
         name: owner[array.name][:, t.CHANGING[array.name]] if array.life == "columns" else owner[array.name].copy()
@@ -266,7 +280,7 @@ def snapshot(arrays: EventArrays) -> dict[str, NDArray[Any]]:
 
 
 def restore(arrays: EventArrays, saved: Mapping[str, NDArray[Any]]) -> None:
-    """Replace the arrays of step 0 by those of a snapshot."""
+    """Replace the arrays of step 0 by the arrays of a snapshot."""
     if not np.array_equal(saved["net.weights"], arrays.net["weights"]):
         copy_shared_weights(arrays)
     for name, array, owner in declared_in(arrays, "run", "columns"):
@@ -337,10 +351,11 @@ def _needed(arrays: EventArrays) -> Iterator[str]:
 
 
 TABLE_WIDTH = 1400
+"""Number of entries of a table of the Poisson distribution. A rate whose table is longer has no table."""
 
 
 def add_generators(arrays: EventArrays) -> None:
-    """Set the rates of the generators, and allocate rings for those that keep counts."""
+    """Set the rates of the Poisson generators, and allocate rings for the generators that keep counts of spikes."""
     pops = arrays.net["pops"]
     arrays.net["keys"] = np.array(
         [keyed_random.key(arrays.program.seed, drawn_for(part), part.name) for part in arrays.program.populations],
@@ -362,7 +377,10 @@ def add_generators(arrays: EventArrays) -> None:
 
 
 def settle(arrays: EventArrays) -> None:
-    """Move the tallies of generators to their counts of events and spikes."""
+    """Add the tallies of generators to their counts of events and spikes, and reset the tallies.
+
+    A tally holds both numbers: spikes in its lowest `TALLY_BITS` bits, events above.
+    """
     tally = arrays.net["tally"]
     arrays.net["events"][: tally.size] += tally >> t.TALLY_BITS
     arrays.net["spikes"][: tally.size] += tally & ((1 << t.TALLY_BITS) - 1)
@@ -393,7 +411,14 @@ def _keeps_counts(arrays: EventArrays, k: int) -> bool:
 
 
 def set_rate(arrays: EventArrays, k: int, rate: Floats, step: int) -> None:
-    """Set the rate of a poisson_generator in Hz, for all neurons or for each, after a step."""
+    """Set the rate of a poisson_generator after a step.
+
+    Args:
+        arrays: all arrays.
+        k: index of the population.
+        rate: rates in Hz, (1,) for all neurons or (neurons,).
+        step: the last step that was run.
+    """
     place, row = arrays.places[k], arrays.net["pops"][k]
     net, neurons = arrays.net, slice(place.begin, place.end)
     mean, p_silent = net["mean"][neurons], net["nothing"][neurons]
@@ -412,7 +437,7 @@ def tabulate(arrays: EventArrays) -> None:
 
 
 def _tabulate(arrays: EventArrays, k: int, mean: Floats) -> None:
-    """Write a table of the Poisson distribution for a generator, if all its neurons have the same rate."""
+    """Write a table of the Poisson distribution for a generator, if all its neurons have the same mean a step."""
     row = arrays.net["pops"][k]
     row[t.TABLE] = t.NONE
     if np.all(mean == mean[0]):

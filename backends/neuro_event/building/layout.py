@@ -1,4 +1,4 @@
-"""The order and memory of populations, synapses and weights in the arrays of the compiled loop."""
+"""The order of populations, synapses and weights in the arrays of the compiled loop, and the memory of these arrays."""
 
 from __future__ import annotations
 
@@ -24,9 +24,11 @@ class PopulationPlace:
     """The neurons of a population in the arrays of all neurons.
 
     Attributes:
-        begin, end: the first neuron and the end.
-        inside: internal place of each id, or None if places are ids. Grids are stored with the maps innermost.
-        outside: id at each internal place.
+        begin: place of the first neuron among the neurons of all populations.
+        end: place after the last neuron.
+        inside: internal place of each id, (neurons,), or None if the places are the ids. Grids are stored with the maps
+            innermost.
+        outside: id at each internal place, (neurons,).
 
     Example: a grid of 2 maps of 3 places has the ids 0 1 2 (map 0) and 3 4 5 (map 1). Then `outside` is 0 3 1 4 2 5 and
     `inside` is 0 2 4 1 3 5.
@@ -52,7 +54,7 @@ class PopulationPlace:
 
 
 def places(program: Program) -> list[PopulationPlace]:
-    """Place the populations one after the other."""
+    """Return the places of the populations, which follow each other."""
     grids = {p.target: p.grid for p in program.projections if p.grid is not None}
     all_places, at = [], 0
     for index, population in enumerate(program.populations):
@@ -74,17 +76,17 @@ def neuron_places(program: Program) -> int:
 
 
 def has_states(population: Population) -> bool:
-    """Return whether a population has constants and states: neurons, and generators with their own `emit`."""
+    """Return whether a population has constants and states, as neurons and generators with an own `emit` have."""
     return population.kind in ("neuron", "generator")
 
 
 def input_rows(program: Program) -> int:
-    """Return the number of rows of the input: the most receptors of any neuron, at least 2."""
+    """Return the number of rows of the input, which is the largest number of receptors of a model, at least 2."""
     return max([2, *(p.model.receptors for p in program.populations if isinstance(p.model, Neuron))])
 
 
 def constants_width(program: Program) -> int:
-    """Return the width of a row of parameters or constants, which is enough for each model of the program."""
+    """Return the width of a row of parameters or constants, which is the largest width of a model of the program."""
     return max([Model.width, *(p.model.width for p in program.populations if has_states(p))])
 
 
@@ -103,8 +105,9 @@ class ArrangedSynapses:
 
     Attributes:
         layout: ONE_TO_ONE, DENSE, CSR or GRID of `tables`.
-        row_ends, targets: row ends and targets of a CSR projection, else empty.
-        order: internal weight k is the program's weight order[k]; None if the orders are equal.
+        row_ends: ends of the rows of a CSR projection, (sources + 1,), else empty.
+        targets: targets of a CSR projection, (synapses,), else empty.
+        order: internal weight k is the weight order[k] of the program; None if both orders are equal.
     """
 
     layout: int
@@ -114,6 +117,8 @@ class ArrangedSynapses:
 
 
 _FEW_RUNS = 1 << 16
+"""Number of runs of a joined row up to which most of them may be empty."""
+
 _NO_INTS = np.zeros(0, dtype=np.int64)
 _NO_TARGETS = np.zeros(0, dtype=np.int32)
 
@@ -134,7 +139,7 @@ def is_timed(p: Projection) -> bool:
 def in_runs(program: Program, p: Projection) -> bool:
     """Return whether a projection with different delays is worth a joined row of its own.
 
-    There must be at least as many synapses as runs (sources x delays), if there are more than `_FEW_RUNS`.
+    A row of more than `_FEW_RUNS` runs (sources x delays) must have at least as many synapses as runs.
     """
     if not is_timed(p):
         return False
@@ -143,7 +148,10 @@ def in_runs(program: Program, p: Projection) -> bool:
 
 
 def learns_from_pairs(p: Projection) -> bool:
-    """Return whether spike pairs change each weight of a projection; kernels of grids learn in `shared_kernels`."""
+    """Return whether spike pairs change each weight of a projection.
+
+    Grids are excluded, because their kernels learn in `shared_kernels`.
+    """
     return p.synapse.learns == "pairs" and p.grid is None
 
 
@@ -180,7 +188,10 @@ def arrange(
 
 
 def internal_weights(program: Program, index: int, order: Ints | None) -> NDArray[np.floating[Any]]:
-    """Return the weights that a static delivery adds, in internal order: signed for the receptor; 1 onto a relay."""
+    """Return the weights that a static delivery adds, in internal order.
+
+    The sign of a weight is negated where the receptor asks for it. A spike that arrives at a relay adds 1.
+    """
     p = program.projections[index]
     target = program.populations[p.target].model
     if p.carries == "spikes" and isinstance(target, Neuron) and target.relay:
@@ -193,12 +204,12 @@ def internal_weights(program: Program, index: int, order: Ints | None) -> NDArra
 
 
 def split_rows(row_ends: Ints, targets: NDArray[np.integer[Any]], edges: Ints) -> Ints:
-    """Return row ends cut at the edges of the threads.
+    """Return the ends of the rows after each row was divided among the threads.
 
     Args:
-        row_ends: ends of the rows, (sources + 1).
-        targets: targets of all synapses, sorted within each row.
-        edges: first target of each thread and the end, (threads + 1).
+        row_ends: ends of the rows, (sources + 1,).
+        targets: targets of all synapses, sorted within each row, (synapses,).
+        edges: first target of each thread and the end, (threads + 1,).
 
     Returns:
         An array in which the synapses of source s for thread k begin at entry s * threads + k. Example: row 0 has the
@@ -222,7 +233,7 @@ def power_of_two(n: int) -> int:
 
 
 def sign(weights: NDArray[np.floating[Any]]) -> int:
-    """Return whether the weights are positive, negative or mixed, since their sign may choose the receptor."""
+    """Return POSITIVE, NEGATIVE or MIXED of `tables` for some weights, since their sign may choose the receptor."""
     negative = sum(int(np.count_nonzero(weights[k : k + _PIECE] < 0.0)) for k in range(0, weights.size, _PIECE))
     if negative == 0:
         return t.POSITIVE
@@ -230,11 +241,14 @@ def sign(weights: NDArray[np.floating[Any]]) -> int:
 
 
 _PIECE = 1 << 16
-"""Number of weights that are tested at a time, so that they stay in the cache."""
+"""Number of weights whose sign is tested at a time. So many stay in the cache."""
 
 
 def map_of_weights(arrays: EventArrays, projection: int, maps: int) -> Ints:
-    """Return the map of the trials' output to which each weight of a projection leads, in internal order."""
+    """Return the map in which the target of each weight lies, in internal order, (weights,).
+
+    The projection leads to the output of the trials.
+    """
     p, s = arrays.program.projections[projection], arrays.synapses[projection]
     if s.layout == t.GRID:
         return np.tile(np.arange(maps), p.size // maps)
@@ -250,12 +264,15 @@ class EventArrays:
         program: the program.
         places: the place of each population.
         synapses: each projection in internal order.
-        plastic_of: index in the table of plastic projections, by projection; `moves_of` and `shared_of` likewise.
-        net, plastic: the arrays of `tables.NET` and `tables.PLASTIC`.
-        longest_slice: steps of a slice, within which no spike arrives.
+        plastic_of: row of a projection in the table of plastic projections, by the index of the projection.
+        net: the arrays of `tables.NET`, by name.
+        plastic: the arrays of `tables.PLASTIC`, by name.
+        longest_slice: number of steps of a slice. A spike that is emitted in a slice arrives after the slice.
         reach: steps for which the spike log keeps spikes.
         eager: whether synapses may learn eagerly. If false, all learn lazily; tests compare the two.
-        joined: the projections in joined rows.
+        joined: indices of the projections in joined rows.
+        moves_of: row in the table of projections that learn by moves, by the index of the projection.
+        shared_of: row in the table of grids whose kernels learn, by the index of the projection.
         requests: pending requests for addresses of compiled functions, as (row of a table, column, function).
         rows_outdated: whether the joined rows must be laid out before the next step.
     """
@@ -281,7 +298,7 @@ class EventArrays:
 
 
 def edges_of(arrays: EventArrays, projection: int) -> Ints:
-    """Return the edges of the threads among the targets of a projection."""
+    """Return the first target of each thread among the targets of a projection, and the end, (threads + 1,)."""
     target = arrays.program.projections[projection].target
     edges: Ints = arrays.net["edges"][target] * t.BLOCK - arrays.places[target].begin
     return edges
@@ -289,14 +306,17 @@ def edges_of(arrays: EventArrays, projection: int) -> Ints:
 
 JOINED_ARRAYS = ("joined_runs", "joined_steps", "joined_weights", "joined_singles", "joined_bases")
 JOINED_TABLES = ("joined", "joined_reach")
-"""The arrays of joined rows, see `joined_rows`."""
+"""Names of the arrays of joined rows, see `joined_rows`."""
 
 LINE = 64
+"""Size of a cache line in bytes."""
+
 PAGE = 4096
+"""Size of a page of memory in bytes."""
 
 
 def aligned_zeros(n: int, dtype: Any, line: int = 0) -> NDArray[Any]:
-    """Return zeros that begin at a given cache line of a page of memory."""
+    """Return n zeros, whose memory begins at cache line `line` of a page."""
     size = n * np.dtype(dtype).itemsize
     memory = np.zeros(size + PAGE, dtype=np.uint8)
     skip = (line * LINE - memory.ctypes.data) % PAGE
@@ -309,7 +329,7 @@ def aligned_table(rows: int, columns: int) -> Ints:
 
 
 def zeros(arrays: Iterable[Declared], sizes: Mapping[str, int]) -> dict[str, Any]:
-    """Make the declared arrays of which all sizes are known, filled with 0."""
+    """Return those declared arrays whose sizes are all known, filled with 0, by name."""
     new_arrays: dict[str, Any] = {}
     for array in arrays:
         shape: list[Any] = [

@@ -33,7 +33,7 @@ def add_learning(arrays: EventArrays, learning: list[int]) -> None:
     program, pops, threads = arrays.program, arrays.net["pops"], arrays.net["edges"].shape[1] - 1
     parts, arranged = [program.projections[q] for q in learning], [arrays.synapses[q] for q in learning]
     eager = [learns_eagerly(arrays, part) for part in parts]
-    # Lazy `stdp` and `stdp_dopa` only use K+ and K-, so they need no rows in `kinds`.
+    # Lazy `stdp` and `stdp_dopa` only use K+ and K-, so their traces need no rows in `kinds`.
     read = [
         part.synapse for part, at_once in zip(parts, eager, strict=True) if at_once or type(part.synapse) not in RULES
     ]
@@ -68,7 +68,7 @@ def add_learning(arrays: EventArrays, learning: list[int]) -> None:
         _request_entry(arrays, row, type(rule), False)
         row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = part.dopamine, int(part.dopamine_one_to_one)
         row[t.DOPAMINE_DELAY] = part.dopamine_delay
-        # Longest delay: after this number of steps a spike of a target has reached all its synapses.
+        # Longest delay in steps. After it, a spike of a target has reached all synapses of the target.
         row[t.LONGEST] = 0 if rule.delays else part.delay.max(initial=1)
         row[t.FEWEST], row[t.MOST] = part.delay_range(program.resolution)
         set_traces(tau[k], row, decay[k], kinds[k], common(rule.vector()), rule, program)
@@ -126,7 +126,10 @@ def add_learning(arrays: EventArrays, learning: list[int]) -> None:
 
 
 def reset_states(arrays: EventArrays, step: int) -> None:
-    """Reset all neurons, traces, eligibilities and dopamine to step 0. Weights, updated to `step` before, stay."""
+    """Reset all neurons, traces, eligibilities and dopamine to their values at step 0. The weights stay.
+
+    The weights must have been updated to `step`, the last step that was run.
+    """
     net, plastic = arrays.net, arrays.plastic
     net["state"][:] = net["initial"]
     for population, place in zip(arrays.program.populations, arrays.places, strict=True):
@@ -150,24 +153,29 @@ def source_traces(arrays: EventArrays, row: Ints, traces: Floats) -> list[Floats
 
 
 def _request_entry(arrays: EventArrays, row: Ints, rule: Any, own_rows: bool) -> None:
-    """Request the compiled pass of a rule, with a row of constants for all synapses or one for each.
+    """Request the compiled pass of a rule, with one row of constants for all synapses or with a row for each synapse.
 
     | condition | path | reason |
     | --- | --- | --- |
-    | no modulator, one fixed delay, one tau_minus (or K- is not read) | `eager_rules` | needs no history |
-    | else, `stdp` and `stdp_dopa` | `lazy_stdp` | K+ and K- are two numbers that stay in registers |
-    | else | `lazy_rules` | any list of traces, whose values before each spike are in the history |
-    | numbers that differ between synapses | the same pass with `own_row` | looking up a row took 4 % of a network |
+    | no modulator, one fixed delay, one tau_minus (or K- is not read) | `eager_rules` | it needs no history |
+    | otherwise `stdp` and `stdp_dopa` | `lazy_stdp` | K+ and K- are two numbers that stay in registers |
+    | any other rule | `lazy_rules` | a rule may have any traces; the history has their values before each spike |
+    | constants differ between synapses | the same pass with `own_row` | looking up rows took 4 % of the time |
 
-    In an eager projection a spike of a neuron reaches all its synapses in one step, so no history is searched. An event
-    of STDP takes 12 ns.
+    In an eager projection a spike of a neuron reaches all synapses of the neuron in one step, so no history is
+    searched. An event of STDP then takes 12 ns.
     """
     entry = eager_entry if row[t.EAGER] == 1 else lazy_entry if row[t.RULE] >= 0 else rule_entry
     arrays.request(row, t.RULE_ENTRY, partial(entry, rule, own_rows))
 
 
 def _columns(arrays: EventArrays, learning: list[int], table: Ints) -> Ints:
-    """Return the post traces that lazy third-party rules read, by population. A rule's traces begin at its COLUMN."""
+    """Return the post traces that lazy third-party rules read, shape (populations, traces, 2).
+
+    An entry is (row of the plastic projection, number of the trace).
+    The traces of a rule begin at the entry COLUMN of its
+    projection. Unused entries are -1.
+    """
     traces: list[list[tuple[int, int]]] = [[] for _ in arrays.program.populations]
     for k, q in enumerate(learning):
         if table[k, t.RULE] < 0 and table[k, t.EAGER] == 0:
@@ -200,12 +208,14 @@ def widen_histories(arrays: EventArrays, population: int, t_ref: float) -> None:
 
 
 def _history_width(arrays: EventArrays, t_ref_of: Mapping[int, float]) -> int:
-    """Return the width of a history: an odd number of cache lines, which spreads the newest entries over the cache.
+    """Return the width of a history, which is an odd number of cache lines.
+
+    An odd number spreads the newest entries of the histories over the cache. A history has entries for the spikes that
+    can be under way to a synapse, and a few more. Eager projections read no history.
 
     Args:
         arrays: all arrays.
-        t_ref_of: shortest refractory period of the targets in ms, by projection. Eager projections read no history.
-            There are entries for the spikes that can be under way to a synapse, and a few more.
+        t_ref_of: shortest refractory period of the targets in ms, by projection.
     """
     entries, trials = [7], arrays.program.trials
     for q, t_ref in t_ref_of.items():
@@ -218,7 +228,9 @@ def _history_width(arrays: EventArrays, t_ref_of: Mapping[int, float]) -> int:
 
 
 def write_constants(arrays: EventArrays, rules: Mapping[int, Floats]) -> None:
-    """Lay out the constants of all rules: a row per projection, then a row per synapse with individual numbers.
+    """Lay out the constants of all rules.
+
+    The table has a row per projection, then a row per synapse of each rule whose parameters differ between synapses.
 
     Args:
         arrays: all arrays.
@@ -234,10 +246,10 @@ def write_constants(arrays: EventArrays, rules: Mapping[int, Floats]) -> None:
 
 
 def set_constants(arrays: EventArrays, projection: int, vector: Floats) -> bool:
-    """Write the constants of a projection; return whether the table was replaced by a longer one.
+    """Write the constants of a projection. Return whether the table was replaced by a longer table.
 
-    Synapse z reads row CONSTANTS + z CONSTANTS_STRIDE. A synapse that has a row of its own keeps it, even if all rows
-    are equal.
+    Synapse z reads the row CONSTANTS + z * CONSTANTS_STRIDE. A synapse that has a row of its own keeps the row, even
+    if all rows are equal.
     """
     part, order, k = (
         arrays.program.projections[projection],
@@ -258,10 +270,12 @@ def set_constants(arrays: EventArrays, projection: int, vector: Floats) -> bool:
 
 
 def set_numbers(arrays: EventArrays, projection: int, vector: Floats, step: int) -> bool:
-    """Write all that follows from the parameters of a projection whose traces are values, see `reading.catch_up_all`.
+    """Write the constants, decays and kinds of traces that follow from the parameters of a projection.
+
+    The traces of the projection must be values, as after `reading.catch_up_all`. Eager traces are stored again.
 
     Returns:
-        Whether an array was replaced.
+        True if an array was replaced.
     """
     k, p = arrays.plastic_of[projection], arrays.program.projections[projection]
     table, tau, decay, kinds = (arrays.plastic[name][k] for name in ("table", "tau", "decay", "kinds"))
@@ -296,7 +310,7 @@ def _decay(tau: float, h: float) -> Floats:
 
 
 FIRST_RECORDS = 1 << 14
-"""Initial size of the buffers for records of pre spikes."""
+"""Initial number of records of pre spikes for which a buffer has room."""
 
 
 def mark_recorded_synapses(arrays: EventArrays, learning: list[int]) -> None:
@@ -345,12 +359,19 @@ def learns_eagerly(arrays: EventArrays, p: Projection) -> bool:
 
 
 def first_stored(trace: Trace, value: float) -> float:
-    """Return the stored value of a trace at step 0: the value, or -inf (the last spike) for a time."""
+    """Return the stored value of a trace at step 0.
+
+    A decaying trace is stored as its value. A trace of time is stored as the step of the last spike, here -inf.
+    """
     return value if trace.tau else -math.inf
 
 
 def epoch_length(decays: Floats) -> int:
-    """Return the number of steps of an epoch, from the decay of each trace after 0, 1, ... steps."""
+    """Return the number of steps of an epoch.
+
+    Args:
+        decays: decay of each trace after 0, 1, ... steps, (traces, steps). Rows of other traces begin with 0.
+    """
     used = decays[decays[:, 0] == 1.0, : MAX_EPOCH + 1]
     return max(1, int(np.min((used > MIN_DECAY).sum(axis=1), initial=MAX_EPOCH + 1)) - 1)
 
@@ -367,7 +388,7 @@ def initial_post_traces(arrays: EventArrays, learning: list[int], table: NDArray
 
 
 def first_trace(arrays: EventArrays, k: int, step: int) -> Floats:
-    """Return the values of the first pre trace of plastic projection k at a step."""
+    """Return the values of the first pre trace of plastic projection k at a step, (sources,)."""
     row = arrays.plastic["table"][k]
     stored = source_traces(arrays, row, arrays.plastic["k_plus"])[0][0]
     values: Floats = stored * arrays.plastic["decay"][k, RULE_TRACES, step % row[t.EPOCH]]
@@ -407,17 +428,17 @@ def _traces(arrays: EventArrays, k: int, step: int) -> Iterator[tuple[Floats, fl
 
 
 def delay_slice(arrays: EventArrays, q: int) -> slice:
-    """Return the range of the synapses of a projection in `delays` and, in ms, in `late`.
+    """Return the range of the synapses of a projection in `delays` (steps) and in `late` (ms).
 
-    Delays that spike pairs change are a row of the synapses' states. Delays that rules for trials change are in `late`,
-    and each change also writes the table of delays in steps, which spikes read.
+    Delays that spike pairs change are a row of the states of the synapses. Delays that rules for trials change are in
+    `late`. Each change of `late` is also written to `delays`, which the delivery of spikes reads.
     """
     first = int(arrays.net["projections"][q, t.DELAY])
     return slice(first, first + arrays.program.projections[q].size)
 
 
 def write_delays(arrays: EventArrays, q: int, delays: Floats) -> None:
-    """Replace the delays of a projection. `delays` are in the order of the program's weights."""
+    """Replace the delays of a projection by `delays` in ms, in the order of the weights of the program."""
     order = arrays.synapses[q].order
     inner = delays if order is None else delays[order]
     if q in arrays.plastic_of:
@@ -429,7 +450,7 @@ def write_delays(arrays: EventArrays, q: int, delays: Floats) -> None:
 
 
 def round_delays(arrays: EventArrays, q: int) -> None:
-    """Write the delays of a rule for trials into the table of delays in steps."""
+    """Round the delays of a rule for trials, and write them to the table of delays in steps."""
     h, span = arrays.program.resolution, delay_slice(arrays, q)
     fewest, most = arrays.program.projections[q].delay_range(h)
     arrays.net["delays"][span] = [steps_of(delay, h, fewest, most) for delay in arrays.net["late"][span].tolist()]

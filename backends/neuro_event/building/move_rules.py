@@ -15,7 +15,7 @@ from neuro_event.loop.moves import move_entry
 
 
 def add_moves(arrays: EventArrays) -> None:
-    """Lay out the states of the synapses, the traces of the sources, and the lists of active sources."""
+    """Lay out all projections that learn by moves: states of synapses, traces of sources, lists of active sources."""
     program, threads = arrays.program, arrays.net["edges"].shape[1] - 1
     learning = [q for q, part in enumerate(program.projections) if isinstance(part.synapse, MoveRule)]
     arrays.moves_of = {q: k for k, q in enumerate(learning)}

@@ -57,7 +57,7 @@ def add_projections(arrays: EventArrays) -> None:
             delay = np.broadcast_to(delay, max(1, part.size))
         row[t.DELAY], row[t.DELAY_STRIDE] = put("delays", delay.astype(np.int32)), int(own_delays)
         blocks = int(pops[part.target, t.LAST_BLOCK] - pops[part.target, t.FIRST_BLOCK])
-        # Number of spikes in a step that reach nearly all blocks of the target, so that all are marked at once.
+        # From this number of spikes in a step on, nearly all blocks of the target get input, so all are marked at once.
         if arranged.layout == t.DENSE:
             row[t.WAKE_ALL] = 1
         elif part.grid is not None:  # several spikes may reach the same blocks
@@ -88,7 +88,7 @@ def add_projections(arrays: EventArrays) -> None:
 
 
 def copy_shared_weights(arrays: EventArrays) -> bool:
-    """Copy the weights before they change, if the array is the program's; return whether it was."""
+    """Copy the array of weights before a change, if it shares memory with the program. Return whether it did."""
     shared = any(
         np.may_share_memory(arrays.net["weights"], p.weight)
         for q, p in enumerate(arrays.program.projections)
@@ -100,7 +100,10 @@ def copy_shared_weights(arrays: EventArrays) -> bool:
 
 
 def _place_ring(arrays: EventArrays, row: Ints, longest: int, at: int) -> int:
-    """Give a projection a ring at a place of the buffer; return the end of the ring."""
+    """Give a projection a ring that begins at `at` in the buffer. Return the end of the ring.
+
+    `longest` is the longest delay in steps.
+    """
     slots, n = layout.power_of_two(longest + arrays.longest_slice + 1), arrays.program.populations[row[t.TARGET]].size
     row[t.LAG] = 0
     row[t.RING], row[t.RING_MASK], row[t.RING_SIZE] = at, slots - 1, n
@@ -108,9 +111,9 @@ def _place_ring(arrays: EventArrays, row: Ints, longest: int, at: int) -> int:
 
 
 def give_ring(arrays: EventArrays, q: int) -> int:
-    """Give a projection a ring, into which it delivers at emission from now on.
+    """Give a projection a ring. From now on its spikes are delivered into the ring when they are emitted.
 
-    Return the number of steps after which spikes were read from the log, 0 if the projection had a ring already.
+    Return the delay in steps after which spikes were read from the log before, or 0 if the projection had a ring.
     """
     row, buf = arrays.net["projections"][q], arrays.net["buf"]
     if (lag := int(row[t.LAG])) == 0:
@@ -159,9 +162,10 @@ def _concatenated(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
 
 
 def list_incoming(arrays: EventArrays) -> None:
-    """List the projections into each population: first those read from the spike log on arrival, then with a ring.
+    """List the projections into each population: first projections without a ring, then projections with a ring.
 
-    Currents are not listed. Static projections with a ring are also listed in `at_emission`.
+    The spikes of a projection without a ring are read from the spike log when they arrive. Projections that carry
+    currents are not listed. Projections with a ring that are not plastic are also listed in `at_emission`.
     """
     incoming: list[int] = []
     pops, rows = arrays.net["pops"], arrays.net["projections"]

@@ -12,7 +12,7 @@ from neuro_event.loop.shared_kernels import STDP, STDP_DOPA
 
 
 def add_shared(arrays: EventArrays) -> None:
-    """Lay out the traces of the neurons, the changes of the weights, and the eligibilities of the synapses."""
+    """Lay out all grids whose kernels learn: traces of neurons, changes of weights, eligibilities of synapses."""
     program = arrays.program
     learning = [q for q, part in enumerate(program.projections) if learns_shared(part)]
     arrays.shared_of = {q: k for k, q in enumerate(learning)}

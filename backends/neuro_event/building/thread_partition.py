@@ -10,22 +10,22 @@ from neuro_event.building.shared_kernels import learns_shared
 from neuro_event.loop import tables as t
 
 WORTH_MEETING = 12_000
-"""Neuron steps between two synchronisations of threads, about 1 ns each, above which several threads are faster.
+"""Number of neuron steps between two synchronisations of threads from which several threads are faster than one.
 
-A synchronisation, and reading the spikes of other threads, take one to three microseconds.
+A neuron step takes about 1 ns. A synchronisation, with reading the spikes of other threads, takes 1 to 3 microseconds.
 """
 
 SCATTERED = 1 << 22
-"""Number of synapses with individual delays, at twelve bytes each, above which they exceed the caches."""
+"""Number of synapses with individual delays from which they exceed the caches, at 12 bytes a synapse."""
 
 EVEN = 0.02
-"""Largest excess of the busiest thread over its share of the work, if populations are not divided."""
+"""Largest relative excess of a thread over its share of the work, if populations are not divided."""
 
 PATIENCE_S = 2.0
 """Time limit of the search for a division, s."""
 
 SYNAPSES = 200
-"""Number of synapses that take as much work as the steps of one neuron, at a few spikes per second each."""
+"""Number of synapses whose work equals the work of one neuron, if each source emits a few spikes per second."""
 
 
 def thread_edges(program: Program, where: list[PopulationPlace], threads: int) -> Ints:
@@ -46,10 +46,8 @@ def _equal_shares(program: Program, where: list[PopulationPlace], threads: int) 
     """
     grouped = {g.population for g in program.groups}
     edges = np.zeros((len(program.populations), threads + 1), dtype=np.int64)
-    below, total = (
-        np.zeros(threads + 1),
-        0.0,
-    )  # work of the threads before each thread, and of all threads
+    # Work of all threads before each thread, and of all threads.
+    below, total = np.zeros(threads + 1), 0.0
     for index, place in enumerate(where):
         first, last, end = place.begin // WORD, -(-place.end // WORD), -(-place.end // t.BLOCK)
         pieces = 1 if index in grouped else last - first
@@ -67,9 +65,9 @@ def _equal_shares(program: Program, where: list[PopulationPlace], threads: int) 
 def whole_populations(program: Program, threads: int) -> Ints | None:
     """Return the thread of each population, or None if whole populations cannot be divided evenly.
 
-    The few synapses of a source with the same target population and delay are neighbours somewhere in memory. Two
-    halves would take half as many cache lines again. A generator belongs to the thread of the population that it
-    drives.
+    The few synapses of a source with the same target population and delay are neighbours in memory. If two threads
+    shared them, one and a half times as many cache lines would be read. A generator belongs to the thread of the
+    population that the generator drives.
     """
     members: dict[int, list[int]] = {}
     for index, population in enumerate(program.populations):
@@ -87,7 +85,10 @@ def whole_populations(program: Program, threads: int) -> Ints | None:
 
 
 def _divide(work: Ints, threads: int) -> Ints | None:
-    """Return the thread of each unit with the smallest maximal load, or None if no even division is found in time."""
+    """Divide units of work among threads so that the largest load of a thread is smallest.
+
+    Return the thread of each unit, or None if no even division is found in time.
+    """
     from scipy.optimize import LinearConstraint, milp
 
     share = work * threads / work.sum()
@@ -120,9 +121,10 @@ def _work(program: Program, index: int) -> int:
 
 
 def parts(program: Program, threads: int) -> int:
-    """Return the number of parts into which a program is divided for some threads.
+    """Return the number of parts into which a program is divided for a number of threads.
 
-    There is one part if threads would synchronise too often, or if the kernels of a grid learn from all places at once.
+    The program is not divided if its threads would synchronise too often, or if the kernels of a grid learn, because
+    each kernel learns from all places of the grid.
     """
     if any(map(learns_shared, program.projections)):
         return 1

@@ -1,7 +1,7 @@
 """Currents and rates that change while a network runs.
 
-Currents that change at every step are computed in advance for a stretch of steps and written to tables of the loop.
-Currents and rates that change at a few steps are written when they change.
+Currents that change at every step are computed in advance for a stretch of steps, and written to tables of the loop.
+Currents and rates that change at few steps are written at these steps.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from neuro_event.loop import steps, tables as t
 Parameter: TypeAlias = Callable[[int, str], Floats]
 
 SHORTEST, LONGEST = 64, 1024
-"""Limits of the number of steps in a stretch."""
+"""Smallest and largest number of steps in a stretch."""
 
 PARTS = ("line_ends", "line_columns", "line_lates", "line_weights", "shares")
 """Names of the arrays that hold the values of all lines, one line after the other."""
@@ -31,7 +31,9 @@ STRETCH_VALUES = 1 << 19
 
 
 class VaryingCurrents:
-    """The currents of the next steps along all lines into populations whose current varies.
+    """The currents of the next steps into populations whose current changes at every step.
+
+    A line is the current of one projection during an interval in which its weights do not change.
 
     Args:
         program: the whole network.
@@ -51,15 +53,16 @@ class VaryingCurrents:
         self._until = -1
 
     def prepare(self, step: int, parameter: Parameter) -> tuple[int, bool]:
-        """Compute the currents of the steps after `step`, unless they are already there.
+        """Compute the currents of the steps after `step`, unless they have been computed.
 
         Args:
             step: the last finished step.
-            parameter: function that returns the present value of a parameter of a population. It is passed at each
-                call, since an engine referenced by its own parts would only be freed by the garbage collector.
+            parameter: function that returns the present value of a parameter of a population. The engine passes it at
+                each call. If this object stored it, engine and object would refer to each other, and only the garbage
+                collector would free them.
 
         Returns:
-            The last step with computed currents, and whether arrays were replaced.
+            The last step with computed currents, and True if arrays were replaced.
         """
         if not self._driven:
             return int(NEVER), False
@@ -106,10 +109,10 @@ class VaryingCurrents:
         self._arrays.net["emitted_rows"] = np.zeros((len(self._lines), span), dtype=np.int64)
 
     def _connect(self, row: Ints, line: CurrentLine, column: Ints, add: Callable[[str, NDArray[Any]], int]) -> None:
-        """Enter the synapses of a line: a single column for all neurons, a column per neuron, or a list.
+        """Write the synapses of a line to its row: a single column for all neurons, a column per neuron, or a list.
 
-        A list has delays and weights by target. Example: if column 0 goes to all neurons with delay 3, `HOW` is
-        `TO_ALL`, `COLUMN_AT` is 0, `LATE` is 3, and `line_ends` has no entries.
+        A list has columns, delays and weights, sorted by target. Example: if column 0 goes to all neurons with delay 3,
+        `HOW` is `TO_ALL`, `COLUMN_AT` is 0, `LATE` is 3, and `line_ends` has no entries.
         """
         part = self._program.projections[line.projection]
         place, n = self._arrays.places[part.target], self._program.populations[part.target].size
@@ -137,10 +140,7 @@ class VaryingCurrents:
         row[t.LINE_WEIGHT] = add("line_weights", weight)
 
     def _fill(self, step: int) -> None:
-        """Compute the emitted values up to the end of the stretch.
-
-        Values that were emitted before, but have not arrived yet, are included.
-        """
+        """Compute the values emitted in the stretch after a step, and the earlier values that are still under way."""
         first = step - self._currents.longest + 1
         steps = np.arange(first, first + self._steps + self._currents.longest)
         emitted, rows = self._arrays.net["emitted"], self._arrays.net["emitted_rows"]
@@ -155,7 +155,7 @@ class VaryingCurrents:
 
 
 def apply(currents: Currents, program: Program, arrays: EventArrays, view: int, step: int) -> None:
-    """Set the currents that hold from step + 1 on, and wake the populations whose current changes."""
+    """Set the currents from step + 1 on, and wake the populations whose current changes."""
     for target in currents.targets:
         place = arrays.places[target]
         current = place.by_place(currents.into(target, step + 1))
@@ -183,9 +183,9 @@ class Changing:
         self.drives = VaryingCurrents(program, self.currents, arrays)
 
     def prepare(self, view: int, step: int, parameter: Parameter) -> tuple[int, bool]:
-        """Write the currents and rates that hold after a step.
+        """Write the currents and rates of the steps after `step`.
 
-        Arguments and results are those of `VaryingCurrents.prepare`: the values are valid up to the returned step.
+        Arguments and results are as in `VaryingCurrents.prepare`. The values are valid up to the returned step.
         """
         apply(self.currents, self._program, self._arrays, view, step)
         for k, rate in self._rates.new(step):

@@ -1,4 +1,4 @@
-"""The engine: trials, counts and snapshots. Runs are in `running`, reads and writes in `settable`."""
+"""The engine, with its trials, counts and snapshots. Its base classes in `running` and `settable` do the rest."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class EventEngine(Settable):
             learning.reset_states(self._arrays, start)
         steps.begin_trial(self._view, spec.output, spec.group, start, h)
         peaks = None
-        if trial.peaks:  # the largest V_m of each neuron up to the decision, and the tick of this V_m
+        if trial.peaks:  # the largest V_m of each neuron up to the decision, and the tick at which it occurred
             size = self._program.populations[spec.output].size
             peaks = np.full(size, -np.inf), np.zeros(size, dtype=np.int64)
         with Interruptible(self._stop):
@@ -66,9 +66,9 @@ class EventEngine(Settable):
         return Outcome(winner, tick, net["potential"].copy(), net["order"][net["best"]], ticks, peak, peak_tick, wins)
 
     def _run_trial(self, spec: Trials, peaks: tuple[Floats, Ints] | None) -> int:
-        """Run a trial that has begun up to its end or decision; return its number of ticks.
+        """Run a trial that has begun, up to its end or decision. Return its number of ticks.
 
-        To record peaks, each step until the decision is a separate run.
+        If peaks are recorded, each step until the decision is a separate run.
         """
         step, last = self._step + 1, self._step + 1 + spec.duration
         groups, closed = self._arrays.net["groups"], self._arrays.net["closed"]
@@ -93,7 +93,10 @@ class EventEngine(Settable):
         return step - self._step - 1
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
-        """Apply `teach` of the rule to the inputs of a neuron, at a tick of the trial that has just run."""
+        """Apply the function `teach` of the rule to the inputs of a neuron.
+
+        `tick` is a tick of the last trial.
+        """
         part, (arithmetic, constants) = self._program.projections[projection], self._rule(projection)
         inside = self._arrays.places[part.target].inside
         local = neuron if inside is None else int(inside[neuron])
@@ -114,7 +117,7 @@ class EventEngine(Settable):
     def _spikes_that_teach(self, population: int) -> Ints:
         """Return the steps of the spikes of each neuron in the last trial, shape (spikes, neurons).
 
-        There is one row, the first spike, unless the trials have `spikes: each`. Missing spikes are `NEVER`.
+        Without `spikes: each` there is one row, which has the first spike of each neuron. Missing spikes are `NEVER`.
         """
         assert self._program.trials is not None
         rows, size = 1, self._program.populations[population].size
@@ -126,13 +129,13 @@ class EventEngine(Settable):
             rows = most
 
     def _trial_weights(self, projection: int) -> Floats:
-        """Return the weights of a projection that learns by trials in internal order, as a view."""
+        """Return the weights of a projection that learns by trials, in internal order, as a view."""
         first = int(self._arrays.net["projections"][projection, t.WEIGHT])
         weights: Floats = self._arrays.net["weights"][first : first + self._program.projections[projection].size]
         return weights
 
     def encourage(self, projection: int, maps: Ints) -> None:
-        """Apply `encourage` of the rule to every weight of the given maps."""
+        """Apply the function `encourage` of the rule to every weight whose target is in the given maps."""
         arithmetic, c = self._rule(projection)
         spec = self._program.trials
         assert spec is not None
@@ -145,7 +148,7 @@ class EventEngine(Settable):
         )
 
     def _rule(self, projection: int) -> tuple[ModuleType, Floats]:
-        """Return the functions and constants of a rule for trials, cached until a number of the rule is set."""
+        """Return the functions and constants of a rule for trials, cached until a parameter of the rule is set."""
         if projection not in self._trial_rules:
             synapse = self._program.projections[projection].synapse
             c, arithmetic = np.zeros(synapse.width), synapse.arithmetic
@@ -154,7 +157,7 @@ class EventEngine(Settable):
         return self._trial_rules[projection]
 
     def noted(self, probe: int) -> Sent:
-        """Return the states at pre spikes recorded for a probe since the last call."""
+        """Return the states that a probe has recorded at pre spikes since the last call."""
         assert self._pre_spike_records is not None
         return self._pre_spike_records.take(probe)
 
@@ -164,15 +167,15 @@ class EventEngine(Settable):
         return self._samples.keys()
 
     def sampled(self, probe: int) -> tuple[Ints, Floats]:
-        """Return the steps and values of a probe recorded since the last call."""
+        """Return the steps and values that a probe has recorded since the last call."""
         return self._samples[probe].take()
 
     def counts(self) -> EngineCounts:
-        """Return the counts since the start or the last reset."""
+        """Return the counts of steps, events, spikes and updates since the start or the last reset."""
         net = self._arrays.net
         build.settle(self._arrays)
         events = tuple(p.by_id(net["events"][p.begin : p.end].copy()) for p in self._arrays.places)
-        # in a graded population the number of spikes counts, not the sum of their payloads
+        # `spikes` adds up payloads in a graded population, so its number of spikes is in `events`.
         names = ["events" if part.model.graded else "spikes" for part in self._program.populations]
         spikes = tuple(p.by_id(net[n][p.begin : p.end].copy()) for n, p in zip(names, self._arrays.places, strict=True))
         return EngineCounts(
@@ -194,7 +197,7 @@ class EventEngine(Settable):
         return EventEngines(engines)
 
     def memory(self) -> dict[str, int]:
-        """Return the bytes used by synapses, neurons and spikes."""
+        """Return the memory of synapses, neurons and spikes in bytes."""
         counted = {"synapses": 0, "neurons": 0, "spikes": self._record.nbytes()}
         for _, array, owner in build.declared_in(self._arrays):
             if not array.life.startswith(("view", "=")):
@@ -204,7 +207,7 @@ class EventEngine(Settable):
     def reset(self, weights: bool) -> None:
         """Return to step 0 and the initial states, and to the initial weights if `weights` is true.
 
-        Parameters and numbers of rules that were set stay.
+        Parameters of neurons and rules that were set stay.
         """
         weights_before, delays_before = dict[int, Floats](), dict[int, Floats]()
         if not weights:
@@ -226,7 +229,7 @@ class EventEngine(Settable):
                 self.set_rule(q, rule)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Return all arrays that `restore` needs to continue bit for bit."""
+        """Return all arrays that `restore` needs to continue with the same results bit for bit."""
         self._refuse_torn()
         self._drain()
         settings = (("given", self._changed_parameters), ("rule", self._rules), ("kept", self._relay_weights))

@@ -13,7 +13,7 @@ from neuro_event.loop import tables as t
 from neuro_event.loop.together import notes_to_come, sample
 
 ARRAY_SIZE, ARRAY_ROWS = 1 << 16, 1 << 10
-"""Largest numbers of values and of steps that a probe records in one array; many probes of few neurons stay small."""
+"""Largest numbers of values and of steps in an array of a probe. The second keeps probes of few neurons small."""
 
 
 class StateProbe:
@@ -36,7 +36,7 @@ class StateProbe:
         self._values = [np.zeros((self._rows, ids.size))]
 
     def read(self, view: int, step: int) -> None:
-        """Record the states as of a step."""
+        """Record the states at a step."""
         row = len(self._steps) % self._rows
         if row == 0 and self._steps:
             self._values.append(np.zeros_like(self._values[0]))
@@ -49,7 +49,7 @@ class StateProbe:
     def take(self) -> tuple[Ints, Floats]:
         """Return the steps and values since the last call, and discard them."""
         steps = np.array(self._steps, dtype=np.int64)
-        # Rows that are not filled are left out: a copy of them would take memory that `zeros` does not.
+        # Only filled rows are copied. A row of `zeros` takes no memory until it is filled, but its copy does.
         filled = steps.size - self._rows * (len(self._values) - 1)
         values = np.concatenate([*self._values[:-1], self._values[-1][:filled]])
         self._steps, self._values = [], self._values[:1]
@@ -83,7 +83,7 @@ class PreSpikeRecords:
         return bool(self._probes)
 
     def make_room(self, view: int, step: int) -> bool:
-        """Enlarge the buffers for the records of the spikes up to a step; return whether arrays were replaced."""
+        """Make room in the buffers for the records of the spikes up to a step. Return whether arrays were replaced."""
         n_records: int = notes_to_come(view, step)
         capacity: int = self._arrays.plastic["note_steps"].shape[1]
         if n_records <= capacity:

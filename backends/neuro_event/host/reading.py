@@ -1,4 +1,4 @@
-"""Reads of states that are computed lazily. The states are updated in copies, so that a read changes nothing."""
+"""Read states that the kernels compute lazily. A read updates copies of the states, so it does not change the run."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from neuro_event.loop.tables import table_of
 
 
 class NeuronReader:
-    """A copy of the states of neurons, in which sleeping neurons are updated to the present for a read."""
+    """A copy of the states of neurons, in which sleeping neurons are updated to the present step for a read."""
 
     def __init__(self, arrays: EventArrays) -> None:
         self._arrays = arrays
         self._copied: dict[str, NDArray[Any]] = {}
 
     def state(self, population: int, row: int, ids: Ints | None, step: int) -> Floats:
-        """Return a state of a population as of `step`, of all neurons or of some, as a copy.
+        """Return a copy of a state at `step`, of all neurons of a population or of some.
 
-        The time grows with the number of blocks that are read.
+        `row` is the index of the state. A read takes time in proportion to the number of blocks that it reads.
         """
         place, pop = self._arrays.places[population], self._arrays.net["pops"][population]
         if ids is None:
@@ -36,7 +36,7 @@ class NeuronReader:
         return values
 
     def _awake(self, population: int, blocks: Ints, step: int) -> Floats:
-        """Return the rows of all states, with the given blocks as of `step`."""
+        """Return all states, (states, neurons), in which the given blocks are updated to `step`."""
         net = self._arrays.net
         rows: Floats = net["state"]
         asleep = net["awake"][blocks] == 0
@@ -55,7 +55,7 @@ class NeuronReader:
 
 
 class SynapseReader:
-    """A copy of the states of synapses, in which they are updated to the present for a read."""
+    """A copy of the states of synapses, in which plastic synapses are updated to the present step for a read."""
 
     def __init__(self, arrays: EventArrays, table: Ints) -> None:
         self._arrays, self._view = arrays, table.ctypes.data
@@ -91,9 +91,9 @@ class SynapseReader:
         return by_id(self._y[row, columns], arranged.order)
 
     def write_back(self, k: int, step: int) -> None:
-        """Copy states that a read in this step has updated back to the kernels, before a signal acts.
+        """Copy the states that a read in this step has updated back to the kernels, before a signal acts.
 
-        The signal would have to update them otherwise.
+        Otherwise the signal would have to update the states again.
         """
         arrays, row = self._arrays, self._arrays.plastic["table"][k]
         if self._updated == (k, step) and row[t.MODULATED] >= 0:
@@ -108,7 +108,10 @@ class SynapseReader:
         self._updated = None
 
     def _sent_weights(self, k: int, columns: slice, targets: NDArray[np.int32], row_ends: Ints) -> Floats:
-        """Return the weights at the last pre spike: stored ones if a post spike has acted since, else the present."""
+        """Return the weights at the last pre spike of each synapse.
+
+        A synapse on which a post spike has acted since has its weight in `sent`, the others in `y`.
+        """
         arrays = self._arrays
         if arrays.plastic["table"][k, t.EAGER]:
             return arrays.plastic["sent"][columns]
@@ -121,7 +124,7 @@ class SynapseReader:
 
 
 def concentration(arrays: EventArrays, view: int, k: int, step: int) -> Floats:
-    """Return the dopamine concentration at every target of plastic projection k."""
+    """Return the dopamine concentration at every target of plastic projection k at a step, (targets,)."""
     projection = arrays.program.projections[arrays.plastic["table"][k, t.PROJECTION]]
     out = np.empty(arrays.program.populations[projection.target].size)
     histories.concentrations(view, k, out, step, arrays.program.resolution)
@@ -129,7 +132,7 @@ def concentration(arrays: EventArrays, view: int, k: int, step: int) -> Floats:
 
 
 def trace(arrays: EventArrays, k: int, step: int) -> Floats:
-    """Return the trace K+ of every source of plastic projection k."""
+    """Return the trace K+ of every source of plastic projection k at a step, (sources,)."""
     row = arrays.plastic["table"][k]
     if row[t.EAGER]:
         return learning.first_trace(arrays, k, step)
@@ -148,7 +151,7 @@ def by_id(values: Floats, order: Ints | None) -> Floats:
 
 
 def weights(arrays: EventArrays, projection: int) -> Floats:
-    """Return the weights of a projection without pair learning, in the order of the program's weights."""
+    """Return the weights of a projection in the order of the program's weights. It must not learn from spike pairs."""
     p, row = arrays.program.projections[projection], arrays.net["projections"][projection]
     first = row[t.WEIGHT]
     if first < 0:
@@ -159,7 +162,7 @@ def weights(arrays: EventArrays, projection: int) -> Floats:
 
 
 def catch_up_all(arrays: EventArrays, view: int, k: int, step: int) -> None:
-    """Update plastic projection k to the present before a value is set. Traces are then stored as values."""
+    """Update plastic projection k to `step`, before a value is set. Afterwards the stored traces are their values."""
     if arrays.plastic["table"][k, t.EAGER]:
         learning.to_values(arrays, k, step)
         return

@@ -1,4 +1,4 @@
-"""The arrays, threads and steps of an engine, with its spikes in and out."""
+"""The base class of an engine, which owns the arrays and the threads, runs steps, and takes and returns spikes."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 
 class Running:
-    """A program on the compiled loop, which can be advanced.
+    """A program that the compiled loop can advance.
 
-    Modules that only some networks or only reads need are imported where they are used.
+    A module is imported where it is used, if only some networks or only reads need it.
     """
 
     def __init__(self, program: Program, threads: int) -> None:
@@ -43,8 +43,8 @@ class Running:
         self._arrays = build.build(self._program, self._n_threads, eager, *cut)
         self._arrays.net["stop"] = self._stop
         self._step, self._torn = 0, False
-        # Values that were set: parameters by "population.name" in the order of ids, numbers of all synapse models by
-        # projection, and weights onto relays. No kernel reads the weights of relays.
+        # Parameters that were set, by "population.name", in the order of ids; the parameters of all synapse models, by
+        # projection; and weights onto relays, which no kernel reads, by projection.
         self._changed_parameters: dict[str, Floats] = {}
         self._rules = {q: part.synapse.vector() for q, part in enumerate(self._program.projections)}
         self._relay_weights: dict[int, Floats] = {}
@@ -82,7 +82,7 @@ class Running:
         self._pack()
 
     def _pack(self) -> None:
-        """Pass the addresses of all arrays to the kernels. Must be called whenever an array is replaced by another."""
+        """Pass the addresses of all arrays to the kernels. Call it whenever an array was replaced by another array."""
         net = self._arrays.net
         for _, array, owner in build.declared_in(self._arrays):
             if array.life.startswith("="):
@@ -93,7 +93,7 @@ class Running:
         self._view = self._table.ctypes.data
         self._flags = net["clock"][:, t.OVERRUN : t.UNCOUNTED + 1]
         self._no_flags = np.zeros_like(self._flags).tolist()
-        for reader in ("_synapse_reader", "_neuron_reader"):  # they refer to the arrays from before
+        for reader in ("_synapse_reader", "_neuron_reader"):  # the old readers refer to the old arrays
             vars(self).pop(reader, None)
 
     @cached_property
@@ -116,7 +116,7 @@ class Running:
     def run(self, steps: int) -> None:
         """Advance by a number of steps.
 
-        The loop is left where a current or a rate changes and where the record of spikes is full.
+        The loop returns to Python where a current or a rate changes, and where the record of spikes is full.
         """
         self._refuse_torn()
         end = self._step + steps
@@ -126,7 +126,10 @@ class Running:
                 self._run_to(end if self._changing is None else min(end, self._prepare(self._changing, self._step)))
 
     def share_stop(self, engines: Sequence[Running]) -> Ints:
-        """Let several engines stop together; return the shared stop request, see `neuro.core.interrupts`."""
+        """Let several engines share one stop request, so that they stop together, and return the request.
+
+        See `neuro.core.interrupts`.
+        """
         for engine in engines:
             engine._stop = engine._arrays.net["stop"] = self._stop
             engine._interruptible = self._interruptible
@@ -134,7 +137,7 @@ class Running:
         return self._stop
 
     def join_rows(self) -> None:
-        """Lay out the joined rows before a run, if weights were set. Setting many in turn costs one layout only."""
+        """Lay out the joined rows before a run, if weights were set. Several changes cost a single layout."""
         if self._arrays.rows_outdated:
             joined_rows.join(self._arrays)
             self._pack()
@@ -146,14 +149,14 @@ class Running:
             raise torn()
 
     def _prepare(self, changing: Changing, step: int) -> int:
-        """Write the currents and rates that hold after a step; return the last step for which they are valid."""
+        """Write the currents and rates of the steps after `step`. Return the last step for which they are valid."""
         until, replaced = changing.prepare(self._view, step, self._parameter)
         if replaced:
             self._pack()
         return until
 
     def _parameter(self, population: int, name: str) -> Floats:
-        """Return a parameter of every neuron, or its present rate or current."""
+        """Return a parameter of every neuron of a population, e.g. the present rate of a generator, (neurons,)."""
         part, place = self._program.populations[population], self._arrays.places[population]
         if part.kind == "poisson" and name == "rate":
             mean: Floats = self._arrays.net["mean"][place.begin : place.end]
@@ -239,7 +242,7 @@ class Running:
         self._pack()
 
     def are_finite(self, population: int, states: Sequence[str]) -> bool:
-        """Implement `neuro.program.backend.are_finite`, for sleeping neurons with the values at their last step."""
+        """Implement `neuro.program.backend.are_finite`. Sleeping neurons have the values of their last step."""
         place, model = self._arrays.places[population], type(self._program.populations[population].model)
         names = [s.name for s in model.states]
         rows = self._arrays.net["state"]
@@ -256,7 +259,7 @@ class Running:
             self._pack()
 
     def spikes(self, population: int, since: int) -> Spikes:
-        """Return the recorded spikes with step > since."""
+        """Return the recorded spikes of a population with step > `since`."""
         self._drain()
         place = self._arrays.places[population]
         ids_at = None if place.inside is None else place.outside
@@ -271,7 +274,7 @@ class Running:
         lengths[:] = 0
 
     def forget(self, before: int) -> None:
-        """Drop recorded spikes with step <= before."""
+        """Drop the recorded spikes with step <= `before`."""
         if before >= self._step:
             self._arrays.net["rec_at"][:, 0] = 0
             self._record = RecordedSpikes()

@@ -1,4 +1,4 @@
-"""Reads and writes of an engine between steps: states, parameters, signals, weights and rules."""
+"""Read and set states, parameters, signals, weights and rules of an engine between two steps."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from neuro_event.loop import arrivals, histories, moves, steps, tables as t
 
 
 class Settable(Running):
-    """A running program whose values are read and set by the indices of its populations, projections and signals."""
+    """A running program whose values can be read and set. Populations, projections and signals are given by index."""
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
         """Return a state or parameter of all neurons or of some. Sleeping neurons are updated in a copy."""
@@ -66,7 +66,11 @@ class Settable(Running):
         self._pack()
 
     def signal(self, signal: int, values: Floats) -> None:
-        """Set the dopamine concentration of all synapses with this signal, or teach those that learn by moves."""
+        """Set the values of a signal at its targets.
+
+        The values are the dopamine concentration of synapses that learn from pairs. Synapses that learn by moves are
+        taught with them, or gated by them.
+        """
         for q, k in self._arrays.moves_of.items():
             part = self._program.projections[q]
             if signal in (part.signal, part.gate):
@@ -122,7 +126,7 @@ class Settable(Running):
             moves.mark_all_live(self._view, self._arrays.moves_of[projection])
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
-        """Set the numbers of a synapse model."""
+        """Set the parameters of a synapse model, in the form of `Synapse.vector`."""
         if projection in self._arrays.moves_of:
             move_rules.set_move_rule(self._arrays, projection, parameters)
         if projection in self._arrays.shared_of:
@@ -136,7 +140,7 @@ class Settable(Running):
         self._trial_rules.pop(projection, None)
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
-        """Replace all weights, or the chosen ones. Spikes under way keep the old weights."""
+        """Replace all weights, or the chosen weights. Spikes under way keep the old weights."""
         net, source = self._arrays.net, self._program.projections[projection].source
         keeps_counts = net["projections"][projection, t.DENSE_COUNTS] == 1
         moved = [projection] if self._step > 0 and not self._learns(projection) else []

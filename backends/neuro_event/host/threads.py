@@ -1,4 +1,7 @@
-"""Run slices of steps on several threads. A slice needs no exchange, because no spike arrives within it."""
+"""Run slices of steps on several threads.
+
+A slice is as long as the shortest delay. Its spikes arrive after it, so threads need no exchange within a slice.
+"""
 
 from __future__ import annotations
 
@@ -13,25 +16,25 @@ from neuro.program.program import Ints
 from neuro_event.loop import steps
 
 STRETCH = 20e-3
-"""Approximate duration of a stretch on one thread after the first slice, s. Ending and measuring it costs little."""
+"""Approximate duration of a stretch of slices on one thread, s. It is long compared with its end and measurement."""
 
 GAIN = 1.1
-"""Speed-up over one thread that all threads must reach, which exceeds the error of measurement."""
+"""Speed-up over one thread that all threads must reach. It is larger than the error of the measurement."""
 
 SHARE = 0.02
 """Share of the time on one thread that trials with all threads may lose."""
 
 ENOUGH, MOST = 5e-3, 20e-3
-"""Budget for losses, s: all threads are tried from `ENOUGH` on, and gains add up to at most `MOST`.
+"""Limits of the budget for losses, s. All threads are tried from `ENOUGH` on, and the budget is at most `MOST`.
 
-A stretch on all threads lasts as long as the budget, at least `ENOUGH`, because starting one takes 0.1 ms.
+A stretch on all threads lasts as long as the budget, but at least `ENOUGH`, because a start takes 0.1 ms.
 """
 
 DEBT = 2 * MOST
-"""Largest overdraft of the budget, s: after any disturbance all threads are tried again within 2.3 s."""
+"""Largest debt of the budget, s. With this limit all threads are tried again at most 2.3 s after a disturbance."""
 
 HELD = 0.8
-"""Least share of a stretch for which its first thread must have had a core; below it the cores count as busy."""
+"""Least share of a stretch in which its first thread had a core. With a smaller share the cores count as busy."""
 
 AGAIN = 1.0
 """Seconds on all threads after which a stretch runs on one thread, to measure a slice there again."""
@@ -40,15 +43,16 @@ MIN_SLEEP_S = 1e-6
 """Shortest sleep of a thread that has waited for other threads in vain, s."""
 
 LINE = 8
-"""Numbers in a cache line. Each thread publishes its step in a line of its own."""
+"""Number of values in a cache line. Each thread publishes its step in a cache line of its own."""
 
 
 class Threads:
-    """Runs the loop on n threads, or on one thread if that is as fast, e.g. if other programs use the cores.
+    """Runs the loop on n threads, or on one thread if one is as fast, e.g. if other programs use the cores.
 
-    Both give the same result, so both are tried. Time that all threads lose against one thread, or gain less than
-    `GAIN`, is charged to a budget. All threads run while the budget is positive, and are tried again when it reaches
-    `ENOUGH`. So trials cost little, whatever other programs do.
+    One thread and all threads give the same result, so both are tried and measured. A stretch on all threads pays its
+    duration from a budget, and earns the duration on one thread divided by `GAIN`. A stretch on one thread earns
+    `SHARE` of its duration. All threads run while the budget is positive, and are tried again when the budget reaches
+    `ENOUGH`. So trials take little time, even if other programs use the cores.
     """
 
     def __init__(self, n: int) -> None:
@@ -66,7 +70,7 @@ class Threads:
         return self._pool is not None
 
     def run(self, view: int, first: int, last: int, longest: int, reach: int, h: float, stop: Ints) -> int:
-        """Run the steps first:last; return the step at which a whole slice had no room in the logs, or `last`.
+        """Run the steps first:last. Return `last`, or the step at which the logs had no room for a whole slice.
 
         `stop` is the stop request that the kernels test, see `neuro.core.interrupts`.
         """
@@ -96,9 +100,9 @@ class Threads:
         return step
 
     def _weigh(self, on_all: bool, slices: float, seconds: float, busy: bool) -> None:
-        """Record the duration of some slices; choose the number of threads and the length of the next stretch.
+        """Record the duration of some slices. Choose the number of threads and the length of the next stretch.
 
-        `busy` means that other programs used the core.
+        `busy` is true if other programs used the core.
         """
         if on_all:
             self._since += seconds
@@ -116,8 +120,8 @@ class Threads:
             self._slices = max(1, int(stretch * self._alone_slices / self._alone_s))
 
     def _share(self, view: int, first: int, last: int, longest: int, reach: int, h: float, stop: Ints) -> int:
-        """Run a stretch on all threads; return the step that was reached."""
-        if self._process != os.getpid():  # a process that was forked has none of the threads
+        """Run a stretch on all threads. Return the step that was reached."""
+        if self._process != os.getpid():  # a forked process has no copy of the threads
             self._pool, self._process = ThreadPoolExecutor(self._n - 1), os.getpid()
         assert self._pool is not None
         self._progress[:, 0] = first
@@ -135,7 +139,7 @@ class Threads:
         return int(self._progress[0, 0])
 
     def _work(self, thread: int, view: int, last: int, longest: int, reach: int, h: float, stop: Ints) -> None:
-        """Run the part of a thread. A thread that waits for long sleeps."""
+        """Run the part of one thread. A thread sleeps if it has waited long for other threads."""
         while not steps.share(view, self._progress, thread, last, longest, reach, h):
             time.sleep(MIN_SLEEP_S)
             if thread == 0:  # handlers of signals have run during the sleep

@@ -1,4 +1,4 @@
-"""Several engines of the same network, which are advanced, read and set together by a call of a kernel."""
+"""Several engines of the same network. One call of a kernel advances, reads or sets all of them."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from neuro_event.loop import tables as t, together
 class EventEngines:
     """Engines of the same network with different seeds; see `neuro.program.together.Engines`.
 
-    Cases that the kernels do not support run engine by engine: several threads, currents that change, and probes that
-    are read during the run.
+    The kernels do not support several threads, currents that change, and probes that are read during a run. With any of
+    these, the engines run one after the other.
     """
 
     def __init__(self, engines: Sequence[Any]) -> None:
@@ -39,14 +39,14 @@ class EventEngines:
 
     @property
     def _views(self) -> Ints:
-        """Addresses of the array tables of all engines. An address changes when an engine replaces a full array."""
+        """Addresses of the tables of arrays of all engines. An address changes when an engine replaces an array."""
         addresses = [engine._view for engine in self._engines]
         if addresses != self._addresses:
             self._addresses, self._of_addresses = addresses, np.array(addresses, dtype=np.int64)
         return self._of_addresses
 
     def run(self, steps: int, forget: bool) -> None:
-        """Advance all engines; if `forget` is true, spikes are not recorded."""
+        """Advance all engines by a number of steps. If `forget` is true, no spikes are recorded."""
         begin = self._engines[0]._step
         last = begin + steps + 1
         reached = self._reached
@@ -78,8 +78,9 @@ class EventEngines:
         """Let listed populations emit spikes.
 
         Args:
-            lists: (population, offsets, ticks after the present step, ids), sorted by engine, tick, id; `offsets` are
-                the first entries of each engine. No id occurs twice in a tick. Spikes injected earlier are kept.
+            lists: (population, offsets, ticks after the present step, ids), sorted by engine, tick, id. `offsets` has
+                the first entry of each engine and the end, (engines + 1,). No id occurs twice in a tick. Spikes that
+                were injected earlier stay.
         """
         step, at_once = self._engines[0]._step, []
         for each in lists:
@@ -141,11 +142,11 @@ class EventEngines:
                 together.signal_all(views, k, inner, step, self._program.resolution)
 
     def clear(self, projection: int, which: NDArray[np.bool_]) -> None:
-        """Set the states of synapses that learn by moves to 0 in the chosen engines."""
+        """Set the states of synapses that learn by moves to 0 in the engines where `which` is true, (engines,)."""
         together.clear_all(self._views, self._at.moves_of[projection], which)
 
     def merge(self, projection: int, before: Floats) -> Floats:
-        """Set the weights of all engines to `before` plus the sum of the changes in all engines; return them."""
+        """Set the weights of all engines to `before` plus the sum of the changes of all engines, and return them."""
         arrays, order = self._at, self._at.synapses[projection].order
         after = before.copy() if order is None else before[order]
         together.merge_all(self._views, arrays.moves_of[projection], after, np.zeros_like(after))

@@ -1,7 +1,7 @@
 """Columns of the tables that describe a program to the kernels, and declarations of all arrays.
 
-Neurons are counted through all populations. A population begins at a multiple of `BLOCK * GROUPED` neurons, so that a
-block and a group of blocks belong to one population.
+Neurons are numbered through all populations, and so are blocks. A population begins at a multiple of
+`BLOCK * GROUPED` neurons, so each block and each group of blocks belongs to one population.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,call-arg,no-any-return,misc"
@@ -36,35 +36,35 @@ POSITIVE, NEGATIVE, MIXED = range(3)
 # populations
 (
     KIND,  # index in KINDS
-    BEGIN,  # first neuron among all
-    END,
-    FIRST_BLOCK,  # first block among all
-    LAST_BLOCK,  # end of the blocks
+    BEGIN,  # first neuron, numbered through all populations
+    END,  # neuron after the last
+    FIRST_BLOCK,  # first block, numbered through all populations
+    LAST_BLOCK,  # block after the last
     CONSTANT,  # first row of `constants`
     CONSTANT_STRIDE,  # 1: a row per neuron; 0: the same for all
     RECEPTORS,  # number of receptors
-    RELAY,  # 1: repeats arriving spikes, without states
+    RELAY,  # 1: the neurons repeat arriving spikes and have no states
     LINEAR,  # 1: the model can make many steps at once
     RECORD,  # 1: spikes are recorded
     GROUP,  # number of the group, or NONE
     HISTORY,  # row of the first neuron in `past`, or NONE
-    ARRIVALS,  # entries of `incoming` that are delivered on arrival
+    ARRIVALS,  # first entry of `incoming` that is delivered on arrival
     ARRIVALS_END,
-    RINGS,  # entries of `incoming` with a ring
+    RINGS,  # first entry of `incoming` with a ring
     RINGS_END,
     COUNTS,  # place in `counts` of a generator that keeps counts, or NONE
-    COUNTS_STEPS,  # steps of the ring of counts, a power of two
+    COUNTS_STEPS,  # length of the ring of counts in steps, a power of two
     TABLE,  # row of `cumulative`, or NONE if rates differ
-    START,  # a generator emits in the steps START < step <= STOP
+    START,  # a generator emits in each step with START < step <= STOP
     STOP,
     NUMBER,  # index of the population
     ENTRY,  # address of the model's operations
     CARRIED,  # 1: a projection carries a current to the population
     COLLECTS,  # state to which `step_collecting` adds the input, or NONE
     GATHERS,  # 1: synapses onto the population learn by moves
-    JOINED,  # first entry of `incoming` in joined rows
+    JOINED,  # first entry of `incoming` that is in joined rows
     JOINED_END,
-    PAYLOAD,  # number of the state that spikes carry, NONE without payload
+    PAYLOAD,  # index of the state that spikes carry, or NONE
     POPULATION_COLUMNS,
 ) = range(31)
 
@@ -73,10 +73,10 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     SOURCE,  # source population
     TARGET,  # target population
     LAYOUT,  # ONE_TO_ONE, DENSE, CSR or GRID
-    LAG,  # steps after which the log is read; 0: the projection has a ring
+    LAG,  # delay in steps after which the spikes are read from the log; 0: the projection has a ring
     RING,  # place of the ring in `buf`
     RING_MASK,  # slots of the ring - 1
-    RING_SIZE,  # targets of a slot
+    RING_SIZE,  # targets in a slot
     ROW,  # place in `rows`
     SYNAPSE,  # place in `targets`
     WEIGHT,  # place in `weights`
@@ -84,7 +84,7 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     DELAY,  # place in `delays`
     DELAY_STRIDE,  # 1: a delay per synapse; 0: the same for all
     SIGN,  # POSITIVE, NEGATIVE or MIXED weights
-    WAKE_ALL,  # spikes of a step from which on all blocks are marked
+    WAKE_ALL,  # number of spikes in a step from which all blocks are marked at once
     DENSE_COUNTS,  # 1: the source keeps counts
     CHANNEL_HEIGHT,  # this and the next columns: a grid, see `deliver.grid_add`
     CHANNEL_WIDTH,
@@ -98,13 +98,13 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     LEFT,
     DEPTH,
     REACH,  # maps that a channel reaches
-    CHANNELS_INSIDE,  # channels of a source with the channels innermost, else 0
+    CHANNELS_INSIDE,  # number of channels if the source is stored with the channels innermost, else 0
     RECEPTOR,  # named receptor, or NONE
     JOINED_ROW,  # row of `joined` that holds this projection alone, or NONE
-    RUN,  # this and the next columns: a joined row; its place in `joined_runs`
+    RUN,  # this and the next 3 columns: only of joined rows; place in `joined_runs`
     SHORTEST,  # shortest delay of the runs
     DELAYS,  # number of delays of the runs
-    SINGLE,  # 1: the weights have 32 bits
+    SINGLE,  # 1: the weights are stored with 32 bits
     SENDS_AT_ONCE,  # 1: spikes are sent with the weights of their step, see `Program.sends_at_once`
     PROJECTION_COLUMNS,
 ) = range(37)
@@ -113,7 +113,7 @@ POSITIVE, NEGATIVE, MIXED = range(3)
 (
     PROJECTION,  # index of the projection
     RULE,  # index in `operations.RULES`, or NONE
-    MODULATED,  # 0: a rule of RULES with dopamine; else NONE
+    MODULATED,  # 0: the rule is in RULES and reads dopamine; else NONE
     FIRST_SYNAPSE,  # place in `y`
     FIRST_SOURCE,  # place in `k_plus`
     FIRST_TARGET,  # place in `n`
@@ -123,7 +123,7 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     DOPAMINE_DELAY,  # steps
     GRID_STEPS,  # interval of the integration of dopamine, steps
     LONGEST,  # longest delay, steps
-    RULE_NUMBER,  # row of this table
+    RULE_NUMBER,  # index of this row
     RULE_ENTRY,  # address of the rule's operations
     SOURCE_STRIDE,  # pre traces per source
     COLUMN,  # first column of the rule in `others`
@@ -151,9 +151,9 @@ POSITIVE, NEGATIVE, MIXED = range(3)
 # shared kernels that learn
 (
     SHARED_PROJECTION,  # index of the projection
-    SHARED_NUMBER,  # row of this table
+    SHARED_NUMBER,  # index of this row
     SHARED_RULE,  # STDP or STDP_DOPA of `shared_kernels`
-    SHARED_MEAN,  # 1: the mean over the places that changed; 0: the sum
+    SHARED_MEAN,  # 1: a weight changes by the mean over the places that changed it; 0: by their sum
     SHARED_SOURCE,  # place in `shared_k_plus`
     SHARED_TARGET,  # place in `shared_k_minus` and other arrays of targets
     SHARED_ENTRY,  # place in `shared_change`
@@ -173,20 +173,20 @@ MOVE_TRACES = 4
 (
     DRIVEN,  # target population
     CHARGED,  # state to which a receptor's current is added, or NONE
-    BEGINS,  # 1: first line into its population, so the current starts at 0
+    BEGINS,  # 1: first line into its population; the kernel then sets the current to 0 before it adds
     HOW,  # TO_ALL, TO_EACH or AS_LISTED
     FIRST_VALUE,  # place in `emitted`
-    VALUES,  # columns of a row of `emitted`
-    COLUMN_AT,  # first column, unless listed
-    LATE,  # delay in steps, unless listed
+    VALUES,  # number of columns of a row of `emitted`
+    COLUMN_AT,  # first column, unless HOW is AS_LISTED
+    LATE,  # delay in steps, unless HOW is AS_LISTED
     LINE_WEIGHT,  # place in `line_weights`
     LINE_STRIDE,  # 1: a weight per synapse; 0: the same for all
-    LINE_ENDS,  # place in `line_ends`, if listed
+    LINE_ENDS,  # place in `line_ends`, if HOW is AS_LISTED
     SHARE,  # place in `shares`
     LINE_COLUMNS,
 ) = range(13)
 
-# values of HOW: a single column for all neurons, a column per neuron, or a list
+# values of HOW: a single column for all neurons, a column per neuron, or a list of columns for each neuron
 TO_ALL, TO_EACH, AS_LISTED = range(3)
 
 # columns of `clock`, for each thread
@@ -196,24 +196,29 @@ DONE, DONE_ARRIVALS, HORIZON, OVERRUN, UNCOUNTED = range(5)
 - DONE: last step whose spikes have acted at emission.
 - DONE_ARRIVALS: last step whose post and dopamine spikes have acted, and whose spikes of devices are in the rings.
 - HORIZON: step up to which spikes under way were dropped.
-- OVERRUN, UNCOUNTED: 1 + population of which a history or a spike count overflowed, else 0.
+- OVERRUN: 1 + index of a population with a history that overflowed, or 0.
+- UNCOUNTED: 1 + index of a population with a spike count that overflowed, or 0.
 """
 
-# columns of `groups`, after the population: 1 if the first winner decides, 1 in a trial, the winner and its step, the
-# number of rivals of which one fires, and their distance in places
+# columns of `groups`; column 0 is the population
+# FIRST_TO_FIRE: 1 if the first winner decides. IN_TRIAL: 1 during a trial. WINNER, DECIDED: the winner and its step.
+# RIVALS: number of neurons of which one fires. APART: distance in places between two neighbours among them.
 FIRST_TO_FIRE, IN_TRIAL, WINNER, DECIDED, RIVALS, APART, GROUP_COLUMNS = range(1, 8)
 
 # columns of `local`, for groups with several winners; RADIUS is NONE for other groups
 RADIUS, PER_MAP, LOCAL_MAPS, LOCAL_ROWS, LOCAL_COLUMNS, NEXT_MAP, NEXT_PLACE, LOCAL_ENTRIES = range(8)
 
-# columns of `standing`: neurons that may still win, and wins of the trial
+# columns of `standing`: number of neurons that may still win, and number of wins in the trial
 OPEN, WINS = range(2)
 
-# bits of `muted`: the neuron is left out of a trial, blocked by a winner, or has won
+# bits of `muted`: the neuron is silenced for a trial, is blocked by a winner, or has won
 SILENCED, BLOCKED, WON = 1, 2, 4
 
 TALLY_BITS = 20
-"""Lower bits of a tally (see `generators`), which count spikes. The upper bits count events, never more than spikes."""
+"""Number of lower bits of a tally, which count spikes. The upper bits count events; see `generators`.
+
+There are never more events than spikes.
+"""
 
 
 NET = """
@@ -317,15 +322,15 @@ rec_at         i8 threads,line      step
 """
 """The arrays of a network, one per line: name, type, shape, lifetime, remarks.
 
-A shape has the sizes of `building.build`; 0 means that the code that fills the array makes it. A number after @ is the
-cache line in its page at which the array begins.
+A shape has the sizes of `building.build`. A size of 0 is chosen by the code that fills the array. A number after @ is
+the cache line of a page at which the array begins.
 
 | lifetime | meaning |
 | --- | --- |
 | run | changes while the network runs, and is in a snapshot |
 | columns | some columns change and are in a snapshot, see `CHANGING` |
 | program | follows from the program, or from other arrays of a snapshot |
-| step | holds nothing between two runs |
+| step | has no content that must be kept between two runs |
 | view, =name | shares the memory of another array |
 
 A heading is the key under which `memory` counts the arrays below it.
@@ -404,7 +409,7 @@ CHANGING = {
     "projections": [LAG, RING, RING_MASK, RING_SIZE, WEIGHT, WEIGHT_STRIDE, SIGN, DENSE_COUNTS],
     "table": [GRID_STEPS],
 }
-"""Columns of tables that a run may change. Other columns follow from the program, or are addresses of this process."""
+"""Columns that a run may change, by table. Other columns follow from the program, or are addresses in this process."""
 
 NET_ARRAYS, PLASTIC_ARRAYS = declared(NET), declared(PLASTIC)
 _NET, _PLASTIC = ([array.field for array in arrays] for arrays in (NET_ARRAYS, PLASTIC_ARRAYS))
@@ -428,7 +433,7 @@ _call = caller(RULE_TYPE.return_type, *RULE_TYPE.args)
 
 @inlined
 def slot_mask(net):
-    """Return the mask that maps a step to its slot in `due`. A division of sizes would take as long as a spike."""
+    """Return the mask that maps a step to its slot in `due`. A division would take as long as a spike."""
     return net.due_slots.shape[1] - 1
 
 
@@ -454,16 +459,17 @@ net_of = viewer(Views("Net", 0, _NET))
 plastic_of = viewer(Views("Plastic", len(NET_FIELDS), _PLASTIC))
 
 Destination = namedtuple("Destination", "out receptors receptor_stride mark spot")
-"""The destination of a delivery: `out` is the index of target 0 in `buf`.
+"""The destination of a delivery.
 
-`receptors` is the number of receptors among which the sign chooses, and `receptor_stride` the distance to the second.
-`mark` and `spot` are as in `deliver.deliver_shared_weight`.
+`out` is the index of target 0 in `buf`. `receptors` is the number of receptors among which the sign of a weight
+chooses. `receptor_stride` is the distance from an input of the first receptor to the input of the second receptor of
+the same neuron. `mark` and `spot` are as in `deliver.deliver_shared_weight`.
 """
 
 
 # A stage is a part of the loop that only some networks need. Each stage is compiled separately and called by its
-# address. So a network compiles only the stages that it needs, and compiled stages are cached for other networks.
-# `building.build.link` writes the addresses to `stages`; stages that a network does not need have address 0.
+# address. A network compiles only the stages that it needs, and compiled stages are cached for other networks.
+# `building.build.link` writes the addresses to `stages`. A stage that a network does not need has the address 0.
 STAGES = {
     "add_row": ("arrivals", "view, k, step, thread", types.void),
     "deliver_log": ("deliver", "view, q, sent_step, now, begin, stop, ring", types.void),
@@ -497,7 +503,7 @@ _ARGUMENTS = {"h": types.float64, "progress": types.int64[:, ::1], "at_decision"
 
 
 def _types_of(arguments: str) -> list[Any]:
-    """Return the numba types of arguments, which are integers unless listed in `_ARGUMENTS`."""
+    """Return the numba types of arguments. An argument that is not in `_ARGUMENTS` is an integer."""
     return [_ARGUMENTS.get(word, types.int64) for word in arguments.split(", ")]
 
 
