@@ -1,1 +1,1 @@
-"""Files of states and results, and one interface to the recordings of both and of simulations."""
+"""Files of states and results, and a common interface to the recordings of simulations and of results."""

@@ -1,4 +1,4 @@
-"""Network, program, bill, weights and delays of a finished run, from its results."""
+"""Read network, program, energy, weights and delays of a finished run from its results."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ READABLE = "spikes, traces and weights can be read without"
 
 
 class RecordingSearch:
-    """Search for recordings in folders. Missing recordings are remembered.
+    """A search for recordings in folders. It remembers missing recordings.
 
     Args:
         folders: folders to search, in this order.
@@ -44,7 +44,7 @@ class RecordingSearch:
     def find(self, name: str | None) -> Path | None:
         """Return the path of a recording.
 
-        A missing recording gets a path in the first folder. The name None stands for events of a program.
+        A missing recording gets a path in the first folder. The name None means that a program made the events.
         """
         if name is None:
             self._missing.append(None)
@@ -71,9 +71,7 @@ class RecordingSearch:
 
 
 def resolved(results: Any, net: Network) -> Program:
-    """Return the program that ran.
-
-    The program lists the spikes of event cameras, so no recording is needed.
+    """Return the program that ran, in which event cameras are replaced, so that no recording is needed.
 
     Args:
         results: results of the run.
@@ -91,7 +89,7 @@ _DRAWN = "leave out 'draw: backend' in the rule: the synapses are then known"
 
 
 def without_recordings(results: Any, net: Network) -> Network:
-    """Return the network with an empty list of spikes in place of each event camera."""
+    """Return a copy of the network with a `spike_generator` without spikes in place of each event camera."""
     copied = copy.copy(net)
     copied.populations = {
         name: replace(part, model=spike_generator(), shape=results.populations[name].shape)
@@ -143,7 +141,7 @@ def energy(
 
 
 def native_counts(results: Any) -> dict[str, int]:
-    """Return the backend's own counts of a run, by name."""
+    """Return the counts of a run that only its backend has, by name."""
     counts = {name: value for name, value in results.about.items() if name.startswith(_NATIVE)}
     return {name.removeprefix(_NATIVE): int(value) for name, value in counts.items()}
 
@@ -192,7 +190,7 @@ def _with_weights(results: Any, name: Any) -> Any:
 
 
 def _synapses(results: Any, part: Any, name: str, of: Any, pre: Any, post: Any) -> Ints | None:
-    """Return the indices of the synapses between the neurons; None stands for all synapses."""
+    """Return the indices of the synapses between the given neurons, or None for all synapses."""
     selections = [word for word, value in (("of", of), ("pre", pre), ("post", post)) if value is not None]
     if not selections:
         return None
@@ -229,7 +227,10 @@ def _neurons(results: Any, name: str, word: str, value: Any, population: str) ->
 
 
 def _delays(results: Any, part: Any, name: str) -> Floats:
-    """Return the delay of each synapse in ms. Delays that no rule changes follow from the network and the seed."""
+    """Return the delay of each synapse in ms, (synapses,).
+
+    Delays that no rule changes are not in the file. They are drawn again from the network and the seed.
+    """
     if part.delay_ms is not None:
         return np.asarray(part.delay_ms)
     program = resolved(results, results.network(played=False))

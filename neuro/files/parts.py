@@ -20,16 +20,17 @@ __all__ = ["Fed", "Trace", "Train", "Weights"]
 Opener = Callable[[], AbstractContextManager[Any]]
 _MISSING: Any = object()
 _CHUNK = 1 << 17
-"""Largest number of spikes in a stretch of a replayed stream. A stretch has at least one whole step."""
+"""Largest number of spikes in a stretch of a replayed stream, unless a single step has more."""
 
 
 class Stored:
     """An array in an HDF5 file.
 
     Args:
-        opener: opens the file.
+        opener: function that opens the file.
         name: name of the data set.
-        length: number of entries to read. A growing file may have more; all arrays of a part get the same length.
+        length: number of entries to read. A growing file may have more entries. All arrays of a part must have the same
+            length.
     """
 
     def __init__(self, opener: Opener, name: str, length: int) -> None:
@@ -62,9 +63,9 @@ def entries(columns: Sequence[Any], after: int, to: int, is_selected: NDArray[np
 
     Args:
         columns: steps, neurons, multiplicities and payloads (None for no payloads); arrays or `Stored`.
-        after: the last step to leave out.
-        to: the last step to return.
-        is_selected: for each neuron whether its spikes are returned; None for all neurons.
+        after: the last step before the entries.
+        to: the last step of the entries.
+        is_selected: True for each neuron whose spikes are returned, (neurons,); None for all neurons.
     """
     rows = span(columns[0], after, to)
     parts = tuple(None if column is None else column[rows] for column in columns)
@@ -77,7 +78,10 @@ def entries(columns: Sequence[Any], after: int, to: int, is_selected: NDArray[np
 def spikes_in_ms(
     name: str, clock: Clock, steps: Ints, ids: Ints, multiplicity: Ints, payloads: NDArray[Any] | None
 ) -> tuple[Floats, Ints, Ints | None]:
-    """Return time in ms, neuron and payload of each spike of a population, from its entries."""
+    """Return time in ms, neuron and payload of each spike of a population, from its entries.
+
+    An entry with multiplicity 3 gives three spikes. The arrays have the shape (spikes,).
+    """
     steps, ids = one_by_one(name, multiplicity, steps, ids)
     return clock.array_ms(steps), ids, None if payloads is None else payloads.astype(np.int64)
 
@@ -116,7 +120,7 @@ class Lazy:
 
 
 def unread(part: Any, name: str) -> Any:
-    """Return the value of a lazy field without reading it: an array, or a `Stored` array for slicing."""
+    """Return the value of a lazy field without reading it from the file: an array, or a `Stored` array."""
     return vars(part)[name]
 
 
@@ -130,10 +134,12 @@ class Train:
         counts: counts of the run by name.
         recorded: True if spikes were recorded; otherwise ``steps``, ``ids`` and ``multiplicity`` are empty.
         resolution_ms: length of a step in ms.
-        steps, ids, multiplicity: one entry for each neuron and step with spikes.
-        spike_counts, event_counts: number of spikes and of steps with spikes of each neuron, also without a recording.
+        steps, ids, multiplicity: step, neuron and number of spikes of each entry, (entries,). There is an entry for each
+            neuron and step with spikes.
+        spike_counts, event_counts: number of spikes, and number of steps with spikes, of each neuron, (neurons,). They
+            are also there without a recording.
         emits: "spikes" or "current".
-        payloads: payload of each entry of a graded population; None otherwise.
+        payloads: payload of each entry of a graded population, (entries,); None otherwise.
     """
 
     model: str
@@ -159,7 +165,7 @@ class Train:
 
     @property
     def spikes(self) -> int | None:
-        """Number of spikes; None for a generator of currents."""
+        """Number of spikes, or None for a generator of currents."""
         return self.counts["spikes"] if self.emits == "spikes" else None
 
     @property
@@ -170,12 +176,12 @@ class Train:
 
 @dataclass(frozen=True, eq=False)
 class Fed:
-    """Spikes fed to an event camera during a run, as a stream that a simulation can play again.
+    """Spikes that were fed to an event camera during a run, as a stream that a simulation can play again.
 
     Attributes:
-        steps: step of each entry, ascending if events were fed in the order of time.
-        sizes: number of spikes of each entry.
-        ids: neurons of all entries, one after the other.
+        steps: step of each entry, (entries,), ascending if events were fed in the order of time.
+        sizes: number of spikes of each entry, (entries,).
+        ids: neurons of all entries, one entry after the other, (spikes,).
     """
 
     steps: Lazy = Lazy()
@@ -183,11 +189,11 @@ class Fed:
     ids: Lazy = Lazy()
 
     repeatable: ClassVar[bool] = True
-    """The stream can be played several times."""
+    """True, because the stream can be played several times."""
 
     @property
     def identity(self) -> str:
-        """Text that distinguishes the stream from others."""
+        """Text by which the stream differs from other streams."""
         return f"{int(np.sum(self.sizes))} spikes"
 
     def after(self, step: int) -> Iterator[Stretch]:
@@ -211,13 +217,13 @@ class Fed:
 
 
 def synapse_text(synapse: str, drawn_by: str | None) -> str:
-    """Return the name of a synapse model and, if a backend draws the synapses, of that backend."""
+    """Return the name of a synapse model, with the backend if a backend draws the synapses."""
     return f"{synapse}, drawn by {drawn_by}" if drawn_by else synapse
 
 
 @dataclass(frozen=True, eq=False)
 class Weights:
-    """Weights of a projection at the end of a run; also the delays if the rule changes delays.
+    """Weights of a projection at the end of a run, with delays if its rule changes delays.
 
     Attributes:
         source, target: names of the populations.
@@ -246,7 +252,7 @@ class Weights:
 
     @property
     def synapse_text(self) -> str:
-        """The synapse model and, if a backend drew the synapses, the name of that backend."""
+        """Name of the synapse model, with the backend if a backend drew the synapses."""
         return synapse_text(self.synapse, self.drawn_by)
 
 
@@ -258,7 +264,7 @@ class Trace:
         population: name of the population; "" for states of synapses.
         state: name of the state; "rate" for a rate.
         unit: unit of the values.
-        times_ms: times, shape (times,).
+        times_ms: times in ms, shape (times,).
         values: shape (times, neurons or synapses); (times,) for a rate, a mean, or values at pre spikes.
         projection: name of the projection; "" for states of neurons.
         probe: name of the probe; "" if the trace has the same name.
@@ -302,7 +308,7 @@ class Trace:
 
     @property
     def single(self) -> bool:
-        """True for a rate or a mean: one number for all neurons."""
+        """True for a rate or a mean, which has one value for all neurons at each time."""
         return self.mean or self.state == "rate"
 
     @property
@@ -311,7 +317,7 @@ class Trace:
         return 1 if self.values.ndim == 1 else int(self.values.shape[1])
 
     def read(self) -> Any:
-        """Return the values in the form of `sim.trace`. Values at pre spikes come with the synapses' ends, by name."""
+        """Return the values in the form of `sim.trace`: an array, or at pre spikes arrays of the ends and values by name."""
         if self.at_pre_spikes:
             return {"pre": self.pre, "post": self.post, self.state: self.values}
         return self.values

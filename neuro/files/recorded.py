@@ -27,7 +27,10 @@ if TYPE_CHECKING:
 
 Window = tuple[float, float]
 SMALL = 1_000_000
-"""Static weights of more synapses are stored only on request, since network and seed decide them."""
+"""Largest number of static synapses whose weights are stored without a request.
+
+More static weights are left out, because they follow from network and seed.
+"""
 _SAME = 1e-12
 
 
@@ -37,8 +40,8 @@ class SpikeTrain:
 
     Attributes:
         population: name of the population.
-        neurons: ids of the neurons, ascending.
-        times_ms, ids: time and neuron of each spike, sorted by time.
+        neurons: ids of the neurons, ascending, (neurons,).
+        times_ms, ids: time in ms and neuron of each spike, sorted by time, (spikes,).
         window: begin (excluded) and end (included) in ms.
     """
 
@@ -50,13 +53,13 @@ class SpikeTrain:
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate of a neuron; 0 without neurons or in an empty window."""
+        """Mean rate of a neuron in Hz, 0 without neurons or in an empty window."""
         seconds = (self.window[1] - self.window[0]) / 1000.0
         return self.times_ms.size / (self.neurons.size * seconds) if self.neurons.size and seconds else 0.0
 
 
 def intervals(times_ms: Floats, ids: Ints) -> tuple[Floats, Ints]:
-    """Return the intervals between spikes of a neuron in ms, and the neuron of each, by neuron, then time."""
+    """Return the intervals between successive spikes of each neuron in ms, and their neurons, by neuron, then time."""
     order = np.lexsort((times_ms, ids))
     times_ms, ids = times_ms[order], ids[order]
     is_same_neuron = ids[1:] == ids[:-1]
@@ -66,8 +69,8 @@ def intervals(times_ms: Floats, ids: Ints) -> tuple[Floats, Ints]:
 def variation(times_ms: Floats, ids: Ints) -> Floats:
     """Return the coefficient of variation of the intervals of each neuron with two intervals or more.
 
-    The coefficient is the population standard deviation divided by the mean; a Poisson process has 1. Neurons whose
-    intervals are all 0 (several spikes in one step, and no others) are left out.
+    The coefficient is the population standard deviation divided by the mean. It is 1 for a Poisson process. Neurons
+    whose intervals are all 0, because all their spikes are in one step, are left out.
 
     Source: Softky & Koch, J. Neurosci. 13:334, 1993
     """
@@ -81,7 +84,13 @@ def variation(times_ms: Floats, ids: Ints) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SynapseWeights:
-    """Weights of one projection with the ends of each synapse; a grid has its kernels, and None for the ends."""
+    """Weights of one projection.
+
+    Attributes:
+        shape: number of sources and number of targets.
+        pre, post: source and target of each synapse, (synapses,); None for a grid.
+        weight: weight of each synapse, (synapses,); for a grid the kernels, (maps, channels, height, width).
+    """
 
     shape: tuple[int, int]
     pre: Ints | None
@@ -101,11 +110,11 @@ class Recorded:
         duration_ms, resolution_ms: length of the run and of a step in ms.
         shapes: shapes of the populations by name.
         with_spikes: names of the populations with recorded spikes.
-        held_ms: the recording up to this time has been forgotten.
+        held_ms: time in ms up to which the recording has been forgotten.
         with_weights: names of the projections with stored weights.
 
     Raises:
-        ModelError: `run` is neither.
+        ModelError: `run` is neither a simulation nor results.
     """
 
     def __init__(self, run: Any) -> None:
@@ -137,7 +146,7 @@ class Recorded:
         self.duration_ms, self.held_ms = float(run.time), float(run.held)
 
     def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
-        """Return times in ms after a time and neurons, sorted by time."""
+        """Return times in ms and neurons of the spikes of a population after `since`, sorted by time."""
         times_and_ids: tuple[Floats, Ints] = self._run.spikes(population, since=since)
         return times_and_ids
 
@@ -157,14 +166,14 @@ class Recorded:
         return {name: trace.probe or name for name, trace in self._traces.items()}
 
     def trace(self, name: str) -> Trace:
-        """Return the trace of a name, with `ids` of all columns; a rate or a mean has values of shape (times, 1)."""
+        """Return a trace, with `ids` of all columns. A rate or a mean gets values of shape (times, 1)."""
         trace = self._traces[name]
         ids = np.arange(0 if trace.at_pre_spikes else trace.columns) if trace.ids is None else trace.ids
         return replace(trace, ids=ids, values=trace.values[:, None] if trace.single else trace.values)
 
 
 def within(trace: Trace, window: Window) -> Trace:
-    """Return the part of a trace in a window, begin and end included."""
+    """Return the part of a trace in a window, with begin and end."""
     rows = slice(int(np.searchsorted(trace.times_ms, window[0])), up_to(trace.times_ms, window[1]))
     ends = {"pre": trace.pre[rows], "post": trace.post[rows]} if trace.at_pre_spikes else {}
     return replace(trace, times_ms=trace.times_ms[rows], values=trace.values[rows], **ends)
@@ -208,7 +217,7 @@ def trains(run: Recorded, of: Any = None, window: Any = None) -> list[SpikeTrain
 
 
 def checked_window(run: Recorded, window: Any) -> Window:
-    """Return begin and end of a window in ms; by default of all that the recording still holds.
+    """Return begin and end of a window in ms. The default is the whole recording, without the forgotten part.
 
     Raises:
         ModelError: the window is not two ascending times, begins in the forgotten part, or ends after the run.
@@ -229,7 +238,7 @@ def checked_window(run: Recorded, window: Any) -> Window:
 
 
 def up_to(times_ms: Floats, ms: float) -> int:
-    """Return the number of times up to `ms`; times that differ in the last digits only count as equal."""
+    """Return the number of ascending times up to `ms`. A time that exceeds `ms` only in its last digits counts."""
     return int(np.searchsorted(times_ms, ms * (1.0 + _SAME), side="right"))
 
 
@@ -307,9 +316,9 @@ _EVEN = 1e-9
 def to_neo(run: object) -> neo.Block:
     """Return a Neo block with one segment, the run, and a group for each population.
 
-    The segment has a `SpikeTrain` for each neuron of each population with recorded spikes, silent neurons included, in
-    ms from 0 to the end of the run. Its annotations are `source_population`, `source_id` and `source_index` (both the
-    neuron, counted from 0). Each recorded state is an `AnalogSignal` of shape (times, neurons or synapses) in the unit
+    The segment has a `SpikeTrain` for each neuron of each population with recorded spikes, also for silent neurons, in
+    ms from 0 to the end of the run. Its annotations are `source_population`, and `source_id` and `source_index`, which
+    are both the neuron, counted from 0. Each recorded state is an `AnalogSignal` of shape (times, neurons or synapses) in the unit
     and with the name of the state. Its annotations are `probe` and `source_population` or `source_projection`; the
     array annotation `channel_index` has the neurons or synapses. The annotations of the block are `simulator`,
     `backend`, `seed` and `resolution_ms`. Annotations have PyNN's names. Final weights and values at pre spikes are
@@ -364,7 +373,7 @@ def _spike_trains(train: SpikeTrain) -> Any:
 
 
 def _signal(name: str, trace: Trace, run: Recorded) -> Any:
-    """Return a signal; a trace with gaps, where a part of the run was forgotten, becomes one with explicit times."""
+    """Return a Neo signal of a trace. If parts of the run were forgotten, it has explicit times."""
     import neo
 
     unit = trace.unit or "dimensionless"

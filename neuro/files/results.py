@@ -71,7 +71,8 @@ YAML = "network.yaml"
 _LARGE = 10_000
 _COUNT = "counts."
 PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-"""Options of compressed arrays."""
+"""Options of `h5py` for compressed arrays."""
+
 RECORDING = "recording."
 """Prefix of the attributes with the path of the recording of an event camera."""
 
@@ -83,8 +84,8 @@ KIND = Kind("a file of results", lambda path: has_format(path, FORMAT))
 class Results:
     """Results of a run, with the methods of a simulation for spikes, traces and weights.
 
-    Methods take parts of the network by name, or as parts and views of the network. Arrays are read from the file on
-    first access; for spikes in a window, only the window is read.
+    An argument that is a part of the network may be its name, the part itself, or a view of it. Arrays are read from
+    the file on first access. For spikes in a window, only the window is read.
 
     Attributes:
         about: attributes of the file: network, backend, seed, threads, duration_ms, resolution_ms, counts, versions.
@@ -92,7 +93,7 @@ class Results:
         populations, projections, traces: parts by name.
         path: path of the file; None for results in memory.
         fed: spikes fed to event cameras during the run, by name; `sim.replay(results)` feeds them again.
-        live: latencies, misses and drops of a run in real time, by name.
+        live: latencies, missed deadlines and drops of a run in real time, by name.
         world: values of a closed loop by name: returns, lengths and steps, (episodes,); rewards (steps, copies) and
             actions (steps, copies, ...) of the last block, whose spikes were recorded.
     """
@@ -136,13 +137,13 @@ class Results:
         ]
 
     def to_neo(self) -> neo.Block:
-        """Return spikes and traces as a Neo block, see `neuro.files.recorded.to_neo`; needs the extra `neo`."""
+        """Return spikes and traces as a Neo block, see `neuro.files.recorded.to_neo`. Requires the extra `neo`."""
         from neuro.files.recorded import to_neo
 
         return to_neo(self)
 
     def to_pandas(self) -> DataFrames:
-        """Return spikes, rates, traces and weights as data frames; needs the extra `pandas`."""
+        """Return spikes, rates, traces and weights as data frames. Requires the extra `pandas`."""
         from neuro.files.recorded import to_pandas
 
         return to_pandas(self)
@@ -154,7 +155,7 @@ class Results:
 
     @property
     def held(self) -> float:
-        """Time in ms from which spikes and traces are held, as in a simulation: always 0."""
+        """Time in ms up to which the recording was forgotten, as in a simulation. It is always 0."""
         return 0.0
 
     @property
@@ -180,11 +181,11 @@ class Results:
         return self.spikes_of(*self._neurons(of), since, until)
 
     def spikes_of(self, name: str, ids: Ints | None, since: float | None, until: float | None) -> tuple[Floats, Ints]:
-        """Return the spikes of some neurons of a population, None for all; see `spikes`."""
+        """Return the spikes of the neurons `ids` of a population, or of all if `ids` is None, see `spikes`."""
         return self.graded_spikes_of(name, ids, since, until)[:2]
 
     def payloads(self, of: Any, since: float | None = None, until: float | None = None) -> tuple[Floats, Ints, Ints]:
-        """Return the recorded spikes of a graded population, in the form of `spikes`, and the payload of each.
+        """Return the recorded spikes of a graded population: times in ms and neurons as in `spikes`, and payloads.
 
         Raises:
             ModelError: see `spikes`; or the spikes have no payloads.
@@ -198,7 +199,7 @@ class Results:
     def graded_spikes_of(
         self, name: str, ids: Ints | None, since: float | None, until: float | None
     ) -> tuple[Floats, Ints, Ints | None]:
-        """Return the spikes of some neurons of a population, None for all, with payloads if the spikes have any."""
+        """Return the spikes of the neurons `ids` of a population, or of all, with payloads or None."""
         train = self.populations[name]
         if not train.recorded:
             hint = f"'neuro run --record {name}' records them" if train.emits == "spikes" else ""
@@ -241,7 +242,7 @@ class Results:
             of: pairs (source, target) of the synapses to return, in the order of the pairs.
             pre: source neurons of the synapses to return: a population, a view of it, or ids.
             post: target neurons of the synapses to return.
-            delays: whether to return the delays in ms, too. Delays that no rule changes follow from network and seed.
+            delays: True to return the delays in ms, too. Delays that no rule changes follow from network and seed.
 
         Returns:
             (pre, post, weight), or with `delays` (pre, post, weight, delay). For a grid the kernels, or with `delays`
@@ -253,10 +254,12 @@ class Results:
         return weights(self, _name(part), of, pre, post, delays)
 
     def get(self, part: Any, /, what: Any, *, of: Any = None, pre: Any = None, post: Any = None) -> Any:
-        """Return the "weight", or the "delay" in ms, of each synapse at the end; `of`, `pre`, `post`: see `weights`.
+        """Return the "weight", or the "delay" in ms, of each synapse at the end of the run.
+
+        The arguments `of`, `pre` and `post` are those of `weights`.
 
         Raises:
-            ModelError: the value is a parameter or a state; files of results have none.
+            ModelError: the value is a parameter or a state, which files of results do not have.
         """
         if isinstance(what, list):
             return {word: self.get(part, word, of=of, pre=pre, post=post) for word in what}
@@ -321,7 +324,7 @@ class Results:
         return NameAndShape(name, self.populations[name].shape)
 
     def _neurons(self, of: Any) -> tuple[str, Ints | None]:
-        """Return the name of a population, and the neurons of a view or None."""
+        """Return the name of a population, and the ids of a view, or None for the whole population."""
         of = view_of_index(of, {name: self.laid(name) for name in self.populations})
         view = of if isinstance(of, View) else None
         name = _name(of if view is None else view.population)
@@ -340,7 +343,7 @@ def write(results: Results, path: str | PathLike[str], weights: Iterable[tuple[s
     Args:
         results: results to write.
         path: path of the file.
-        weights: weights by name of the projection, one projection at a time, if the results have none.
+        weights: names of projections and their weights, one projection at a time, if the results have no weights.
     """
     with new_file(Path(path), FORMAT) as file:
         write_results(file, results)
@@ -351,7 +354,10 @@ def write(results: Results, path: str | PathLike[str], weights: Iterable[tuple[s
 def write_results(
     file: h5py.File, results: Results, prepare: Callable[[h5py.Group, Any], None] = lambda group, part: None
 ) -> None:
-    """Write results into an open, empty file. `prepare` is called with each group and its part before it is written."""
+    """Write results into an open, empty file.
+
+    `prepare` is called with each group and its part of the results, before the part is written.
+    """
     write_values(file, {"format": FORMAT, **results.about})
     file["network"] = results.files[YAML].decode()
     for name, content in results.files.items():
@@ -397,7 +403,7 @@ def _opened(path: Path) -> Results:
 
 
 def unfinished(path: Path) -> Path:
-    """Return the latest partial file for the name `path`, or an unused name if there is none."""
+    """Return the latest partial file for the name `path`, or an unused name if there is no partial file."""
     parts = list(takewhile(Path.exists, kept_parts(path)))
     return max(parts, key=lambda part: part.stat().st_mtime_ns, default=next(kept_parts(path)))
 
@@ -450,7 +456,10 @@ def values_of(part: Any) -> dict[str, Any]:
 
 
 def write_values(group: h5py.Group, values: Mapping[str, Any]) -> None:
-    """Write values by name: arrays as data sets, dictionaries of counts and all others but None as attributes."""
+    """Write values by name: arrays as data sets, and dictionaries of counts and other values as attributes.
+
+    A value of None is not written.
+    """
     for name, value in values.items():
         if isinstance(value, dict):
             group.attrs.update({_COUNT + count: number for count, number in value.items()})
@@ -459,7 +468,7 @@ def write_values(group: h5py.Group, values: Mapping[str, Any]) -> None:
         elif value is not None and name in group:
             group[name][...] = value
         elif value is not None:
-            # Counts are rewritten during a run; each rewrite of compressed data would enlarge the file.
+            # Counts are rewritten during a run, and each rewrite of compressed data would enlarge the file.
             compresses = value.size > _LARGE and not name.endswith("_counts")
             group.create_dataset(name, data=value, **(PACKED if compresses else {}))
 
@@ -481,9 +490,9 @@ def run_table(duration_ms: float, populations: Iterable[tuple[str, str, int, int
     """Return a table with a row for each population.
 
     Args:
-        duration_ms: length of the run; 0 gives no rates.
-        populations: name, model, number of neurons and number of spikes of each population; None spikes for generators
-            of currents.
+        duration_ms: length of the run. There are no rates if it is 0.
+        populations: name, model, number of neurons and number of spikes of each population. The number of spikes of a
+            generator of currents is None.
     """
     rows = []
     for name, model, neurons, spikes in populations:
@@ -492,7 +501,7 @@ def run_table(duration_ms: float, populations: Iterable[tuple[str, str, int, int
 
 
 def spike_columns(spikes: int | None, neurons: int, duration_ms: float) -> tuple[str, str]:
-    """Return spikes and the mean rate of a neuron in Hz as text, "-" where undefined."""
+    """Return the number of spikes and the mean rate of a neuron in Hz as texts, "-" for an undefined number."""
     if spikes is None:
         return "-", "-"
     return f"{spikes:,}", f"{spikes / neurons / duration_ms * 1000.0:.2f}" if neurons and duration_ms else "-"

@@ -128,7 +128,7 @@ _IGNORED_FIELDS = {
 
 
 def fingerprint(program: Program) -> str:
-    """Return a hash of all fields that affect a run; positions in YAML files are ignored."""
+    """Return a hash of all fields of a program that affect a run. Positions in YAML files are ignored."""
     digest = hashlib.blake2b(digest_size=16)
     _feed(digest, program)
     return digest.hexdigest()
@@ -136,7 +136,7 @@ def fingerprint(program: Program) -> str:
 
 @dataclass(frozen=True)
 class _Pieces:
-    """An array that is generated piece by piece."""
+    """An array that is generated piece by piece, as one flat array of `size` values."""
 
     kind: np.dtype[Any]
     size: int
@@ -144,7 +144,7 @@ class _Pieces:
 
 
 def _whole(part: Projection) -> Projection:
-    """Return a projection with the synapses of all shares, in pieces."""
+    """Return a projection with the synapses of all processes that share it. Large arrays are `_Pieces`."""
     rows, gather = part.rows, part.share.gather
 
     def joined(values: NDArray[Any], kind: Any) -> Any:
@@ -183,7 +183,7 @@ def _feed(digest: hashlib.blake2b, value: Any) -> None:
     elif is_dataclass(value):
         for field in fields(value):
             field_value = getattr(value, field.name)
-            # A default is left out, so that states stay valid when a field is added.
+            # Defaults are not hashed, so that states stay valid when a field is added.
             if field.name not in _IGNORED_FIELDS and field_value is not field.default:
                 digest.update(field.name.encode())
                 _feed(digest, field_value)
@@ -202,13 +202,13 @@ def _feed(digest: hashlib.blake2b, value: Any) -> None:
 
 
 class Checkpoint:
-    """File from which a killed training continues.
+    """The file from which a killed training continues.
 
     Args:
         model: file of the model; the checkpoint is written beside it.
         format: format of the checkpoint, e.g. "neuro drone training 1".
-        settings: settings of the training as plain data; only a training with equal settings continues.
-        ways: hint for each setting, shown if its value differs.
+        settings: settings of the training as plain data. Only a training with equal settings continues.
+        ways: hints by name of the setting. A hint is shown if the value of its setting differs.
 
     Attributes:
         path: path of the checkpoint.
@@ -221,7 +221,7 @@ class Checkpoint:
         self._format, self._settings, self._ways = format, json.dumps(settings), ways or {}
 
     def keep(self, **parts: NDArray[Any] | Mapping[str, NDArray[Any]]) -> None:
-        """Write arrays and groups of arrays, replacing the checkpoint.
+        """Write arrays and groups of arrays to a new checkpoint, which replaces the last one.
 
         Raises:
             Unwritable: the file cannot be written.
@@ -232,7 +232,7 @@ class Checkpoint:
                 put(file, name, part)
 
     def resume(self) -> dict[str, Any]:
-        """Return the arrays of the last `keep`; {} without a checkpoint.
+        """Return the arrays of the last `keep`, or {} if there is no checkpoint.
 
         Raises:
             ModelError: the checkpoint has other settings, or is damaged.

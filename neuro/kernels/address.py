@@ -1,4 +1,7 @@
-"""Compiled functions called by address: a compiled caller can then call any function of a type."""
+"""Compiled functions that are called by address, so that a compiled caller can call any function of a type.
+
+Arrays are also passed by address, in a table of arrays.
+"""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,attr-defined,override,misc"
 from __future__ import annotations
@@ -28,7 +31,7 @@ _TYPES = {
 
 
 def fields_of(text: str) -> list[Field]:
-    """Return the fields in a text with one field per line: name, NumPy's short type, number of dimensions, remarks."""
+    """Return the fields in a text that has a line for each: name, NumPy's short type, number of dimensions, remarks."""
     columns = [line.split(maxsplit=3) for line in text.strip().splitlines()]
     return [(name, kind, int(ndim)) for name, kind, ndim, *_ in columns]
 
@@ -40,10 +43,10 @@ class Declared:
     Attributes:
         name: name of the array in kernels.
         kind: type of the elements, by NumPy's short name.
-        shape: a number or the name of a size for each dimension.
-        line: cache line in a page at which the array begins; None: any line.
-        life: lifetime of the content, in the words of the text.
-        account: the heading above the declaration.
+        shape: a number or the name of a size, for each dimension.
+        line: cache line of a page at which the array begins; None for any line.
+        life: lifetime of the content, e.g. "run", see `declared`.
+        account: heading above the declaration in the text.
     """
 
     name: str
@@ -60,7 +63,7 @@ class Declared:
 
 
 def declared(text: str) -> list[Declared]:
-    """Return the arrays in a text with one array per line: name, type, shape@cache line, lifetime, remarks.
+    """Return the arrays in a text that has a line for each: name, type, shape@cache line, lifetime, remarks.
 
     Example: `state f8 states,row@4 run` has the sizes `states` and `row`, and begins at cache line 4 of a page.
     """
@@ -76,7 +79,11 @@ def declared(text: str) -> list[Declared]:
 
 
 def table_of(*parts: tuple[Sequence[Field], Mapping[str, NDArray[Any]]]) -> NDArray[np.int64]:
-    """Return the table of arrays for lists of fields, in order. The caller keeps the arrays alive."""
+    """Return a table of arrays with a row for each field, in order: address and shape. The caller keeps the arrays alive.
+
+    Args:
+        parts: fields, and the arrays by the names of the fields.
+    """
     return np.array([row_of(field, arrays[field[0]]) for fields, arrays in parts for field in fields], dtype=np.int64)
 
 
@@ -90,13 +97,20 @@ def row_of(field: Field, array: NDArray[Any]) -> list[int]:
 
 
 class Views(types.Type):
-    """Numba type of a table of arrays; its value is the table's address. The first array is in row `first`.
+    """Numba type of a table of arrays. A value of this type is the address of the table.
 
-    A kernel loads only the arrays that it names. Loading all arrays in each function took most of the compile time.
+    A kernel only loads the arrays that it names. Most of the compile time was spent when each function loaded all.
+
+    Args:
+        name: name of the type.
+        first: row of the first field in the table.
+        fields: fields of the table, of which each is an attribute in kernels.
     """
 
     def __init__(self, name, first, fields):
-        digest = hashlib.sha256(repr((first, fields)).encode()).hexdigest()[:12]  # other fields are another type
+        digest = hashlib.sha256(repr((first, fields)).encode()).hexdigest()[
+            :12
+        ]  # tables with other fields have another type
         super().__init__(f"{name} {digest}")
         self.rows = {field: first + k for k, (field, _, _) in enumerate(fields)}
         self.arrays = {field: types.Array(getattr(types, _TYPES[kind]), ndim, "C") for field, kind, ndim in fields}
@@ -118,7 +132,7 @@ class _Fields(AttributeTemplate):
 
 @lower_getattr_generic(Views)
 def _array(context, builder, views, table, name):
-    """Generate code for the array of a field. The row never changes while a kernel runs: one early read suffices."""
+    """Generate code for the array of a field. A row never changes while a kernel runs, so one early read is enough."""
 
     def entry(column):
         word = builder.load(builder.gep(table, [context.get_constant(types.intp, 4 * views.rows[name] + column)]))
@@ -138,14 +152,14 @@ def _array(context, builder, views, table, name):
 
 
 def pointer(context, builder, signature, arguments):
-    """Generate code for the pointer to a table, in an intrinsic with the table or its address as first argument."""
+    """Generate code for the pointer to a table. The first argument of the intrinsic is the table or its address."""
     if isinstance(signature.args[0], types.Integer):
         return builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
     return context.make_array(signature.args[0])(context, builder, arguments[0]).data
 
 
 def viewer(views):
-    """Return a compiled function that returns the arrays of a table."""
+    """Return a compiled function (table or address) that returns the arrays of a table, for a type `Views`."""
 
     @intrinsic
     def view(typingctx, table):
@@ -160,7 +174,7 @@ _KEPT: list[Any] = []
 
 @dataclass(frozen=True)
 class Entry:
-    """A kernel called by its address.
+    """A kernel that is called by its address.
 
     Attributes:
         kernel: result of `neuro.kernels.jit.kernel`.
@@ -179,7 +193,7 @@ class Entry:
         return self.signature.args in kernel.overloads or kernel._cache.has(self.signature, kernel.targetctx)
 
     def address(self) -> int:
-        """Return the address of the machine code, after compiling the kernel or loading the code from disk.
+        """Return the address of the machine code. The kernel is compiled first, or its code is loaded from disk.
 
         Raises:
             ModelError: numba cannot compile the model's functions. The message has numba's reason.
@@ -197,7 +211,7 @@ class Entry:
 
 
 def _refused(model: Any, message: str) -> ModelError:
-    """Return numba's error about a model, without the call stack."""
+    """Return an error with numba's reason and the line of the model's file, without the call stack."""
     file = inspect.getfile(model.arithmetic)
     reasons = [line for line in message.splitlines() if line.strip() and not line.startswith("Failed in")]
     function = re.search(r"<function (?:\w+\.)*?(\w+)\.[0-9a-f]{32}", message)

@@ -28,7 +28,7 @@ from neuro.kernels.kept import folder
 
 _config: Any = numba.config
 Asked: TypeAlias = Callable[[], Entry]
-"""Function that returns the same entry at each call. It can be pickled if the model belongs to the package."""
+"""A function that returns the same entry at each call. It can be pickled if a helper can import its model."""
 
 
 def addresses(makers: Sequence[Asked]) -> list[int]:

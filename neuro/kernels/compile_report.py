@@ -1,4 +1,4 @@
-"""Reports on stderr: the start of compilation, and at the end of the process the number of kernels and the time."""
+"""Reports of compilation on stderr: a line when it starts, and a line with kernels and time when the process ends."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ REPORTED = "NEURO_COMPILING_REPORTED"
 """Environment variable set by the first process of a command that reports compilation."""
 
 NO_BEGIN = (0.0, 0.0)
-"""Start of a measurement, before `begin` has been called."""
+"""Placeholder for the start of a measurement, until `begin` is called."""
 
 has_reported = False
 """Whether this process has reported that kernels are compiled."""
@@ -23,7 +23,10 @@ _seconds = 0.0
 
 
 def begin(cached: bool = True) -> tuple[float, float]:
-    """Report once that kernels are compiled, and return the start of the measurement."""
+    """Report once that kernels are compiled, and return the start of a measurement: now, and the seconds counted before.
+
+    `cached` is False if there is no folder for machine code.
+    """
     global has_reported, _under_way
     if REPORTED not in os.environ:
         if not has_reported:
@@ -37,7 +40,7 @@ def begin(cached: bool = True) -> tuple[float, float]:
 
 
 def end(began: tuple[float, float], kernels: int = 1) -> None:
-    """Add kernels and the time since `begin`. Measurements that overlap are not counted twice."""
+    """Count kernels, and the time since `begin`. Times that overlap are counted once."""
     global _kernels, _seconds, _latest, _under_way
     _latest, _under_way = time.monotonic(), max(0, _under_way - 1)
     _kernels += kernels
@@ -45,7 +48,7 @@ def end(began: tuple[float, float], kernels: int = 1) -> None:
 
 
 def latest() -> float:
-    """Return the time at which a kernel was last being compiled, in s of `time.monotonic`: now if one is under way."""
+    """Return the end of the latest compilation, in s of `time.monotonic`, or now if a compilation is under way."""
     return time.monotonic() if _under_way else _latest
 
 

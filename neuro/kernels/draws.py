@@ -16,18 +16,19 @@ _NEURON = np.uint64(NEURON_STRIDE)
 _A, _B = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _S30, _S27, _S31, _S11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
 GUIDE_BITS = 12
+"""Number of first bits of a word by which a guide is indexed."""
 _GUIDE = np.uint64(64 - GUIDE_BITS)
 UNSURE = 1 << 15
-"""Mark of a guide entry that covers words with different counts. The lower bits are the smallest of these counts."""
+"""Bit of a guide entry whose words have different counts. The lower bits are then the smallest of these counts."""
 _UNIT = 2.0**-53
 _ENDS = np.arange((1 << GUIDE_BITS) + 1) / (1 << GUIDE_BITS)
 _CELLS = ((_ENDS[:-1], "right"), (_ENDS[1:], "left"))
-"""Bounds of a guide's cells: the smallest number, inclusive, and the end, exclusive."""
+"""Bounds of the numbers of each guide entry, with the side of `searchsorted`: the first (inclusive), the end."""
 
 
 @subkernel
 def mix(z):
-    """Return the word after SplitMix64's finaliser."""
+    """Return a word that is mixed by SplitMix64's finaliser."""
     z = (z ^ (z >> _S30)) * _A
     z = (z ^ (z >> _S27)) * _B
     return z ^ (z >> _S31)
@@ -35,19 +36,19 @@ def mix(z):
 
 @subkernel
 def step_word(key, step):
-    """Return the random word common to all draws of a part in a step."""
+    """Return the random word from which all draws of a part of the network in a step follow."""
     return mix(key + np.uint64(step) * _STEP)
 
 
 @subkernel
 def uniform(base, neuron):
-    """Return a number in [0, 1) for one neuron."""
+    """Return a number in [0, 1) for one neuron. `base` is the result of `step_word`."""
     return np.float64(mix(base + np.uint64(neuron) * _NEURON) >> _S11) * _UNIT
 
 
 @intrinsic
 def reaching(typingctx, base, neuron, bounds, place):
-    """Return eight bits: whether the numbers of neighbouring neurons reach their bounds, from `place` on."""
+    """Return eight bits, 1 where the number of a neuron, from `neuron` on, reaches its bound, from `place` on."""
 
     def codegen(context, builder, signature, arguments):
         word, real = ir.VectorType(ir.IntType(64), LANES), ir.VectorType(ir.DoubleType(), LANES)
@@ -74,7 +75,7 @@ def reaching(typingctx, base, neuron, bounds, place):
 
 @subkernel
 def words_of(base, first, words):
-    """Fill `words` with the random words of neighbouring neurons."""
+    """Fill `words` with the random words of neighbouring neurons, from neuron `first` on."""
     z = base + np.uint64(first) * _NEURON
     for k in range(words.size):
         words[k] = mix(z)
@@ -83,7 +84,10 @@ def words_of(base, first, words):
 
 @subkernel
 def poisson_by_table(words, guide, cumulative, counts):
-    """Count the entries of `cumulative` up to the uniform number of each word. The first bits nearly always decide."""
+    """Count the entries of `cumulative` up to the uniform number of each word.
+
+    `guide` is the result of `guide_to`. The first bits of a word nearly always decide the count.
+    """
     for k in range(words.size):
         counts[k] = words[k] >> _GUIDE  # a separate loop can be vectorised
     for k in range(words.size):
@@ -95,7 +99,7 @@ def poisson_by_table(words, guide, cumulative, counts):
 
 @subkernel
 def _count(word, m, cumulative):
-    """Return the number of entries up to the number of a word, at least m."""
+    """Return the number of entries up to the uniform number of a word, which is at least m."""
     u = np.float64(word >> _S11) * _UNIT
     while cumulative[m] <= u:
         m += 1
@@ -103,14 +107,18 @@ def _count(word, m, cumulative):
 
 
 def guide_to(cumulative: NDArray[np.float64]) -> NDArray[np.uint16]:
-    """Return the guide of `poisson_by_table`: for the first bits of a word, the count or a lower bound of the count."""
+    """Return the guide of `poisson_by_table`, (2 ** GUIDE_BITS,).
+
+    Entry b is the count of all words whose first bits are b. If their counts differ, it is the smallest count plus
+    `UNSURE`.
+    """
     lowest_count, highest_count = (np.searchsorted(cumulative, ends, side=side) for ends, side in _CELLS)
     return (lowest_count + UNSURE * (lowest_count < highest_count)).astype(np.uint16)
 
 
 @subkernel
 def poisson_by_sum(base, neuron, mean, none_probability):
-    """Draw the number of `poisson_by_table` by summing probabilities; `none_probability` is exp(-mean)."""
+    """Draw the same number as `poisson_by_table`, by a sum of probabilities. `none_probability` is exp(-mean)."""
     u = uniform(base, neuron)
     m = 0
     term = none_probability

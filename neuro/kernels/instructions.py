@@ -1,7 +1,7 @@
-"""Machine instructions missing in Python, as functions for kernels.
+"""Machine instructions that Python lacks, as functions for kernels.
 
-There are operations on eight neighbouring numbers or on 64 marks at once, loads and stores for the progress of other
-threads, addresses of arrays, and prefetches.
+There are operations on eight neighbouring numbers or on 64 marks at once, loads and stores that threads use to publish
+their progress, addresses of arrays, and prefetches.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,misc"
@@ -13,12 +13,13 @@ from numba.extending import intrinsic
 from neuro.kernels.numba_internals import cgutils, ir, populate_array
 
 LANES = 8
+"""Number of neighbouring numbers on which an instruction operates."""
 
 _WORD, _BYTE = ir.IntType(64), ir.IntType(8)
 
 
 def _at(context, builder, kind, array, first, lanes):
-    """Generate code for the address of neighbouring items of a flat array; also return their type."""
+    """Generate code for the address of `lanes` neighbouring items of a flat array. Return the address and their type."""
     items = ir.VectorType(context.get_data_type(kind.dtype), lanes)
     view = context.make_array(kind)(context, builder, array)
     return builder.bitcast(builder.gep(view.data, [first]), items.as_pointer()), items
@@ -58,7 +59,10 @@ def marked(typingctx, bytes_, first):
 
 @intrinsic
 def take(typingctx, states, inputs, first):
-    """Add eight inputs to eight states, and set the inputs to -0.0, no input. Return eight bits: 1 for an input."""
+    """Add eight inputs to eight states, and set the inputs to -0.0, which means no input.
+
+    Return eight bits, 1 where there was an input.
+    """
 
     def codegen(context, builder, signature, arguments):
         state, items = _at(context, builder, signature.args[0], arguments[0], arguments[2], LANES)
@@ -102,7 +106,10 @@ def _first_of_row(context, builder, kind, array, index):
 
 @intrinsic
 def load_acquire(typingctx, array, row):
-    """Return the first number of a row of an int64 table. All earlier writes of its writer are then visible."""
+    """Return the first number of a row of an int64 table.
+
+    Everything that its writer wrote before this number is then visible.
+    """
 
     def codegen(context, builder, signature, arguments):
         index = context.cast(builder, arguments[1], signature.args[1], types.intp)
@@ -115,7 +122,7 @@ def load_acquire(typingctx, array, row):
 
 @intrinsic
 def store_release(typingctx, array, row, value):
-    """Write the first number of a row. Other threads see it only after all earlier writes."""
+    """Write the first number of a row of an int64 table. Other threads see it after everything written before it."""
 
     def codegen(context, builder, signature, arguments):
         index = context.cast(builder, arguments[1], signature.args[1], types.intp)
@@ -141,7 +148,7 @@ def address(typingctx, array):
 
 @intrinsic
 def moved(typingctx, array, first):
-    """Return a flat array with shifted indices: index `first` is the first item, and lower indices are invalid."""
+    """Return a view of a flat array with shifted indices. Its index `first` is the first item; lower ones are invalid."""
 
     def codegen(context, builder, signature, arguments):
         kind, start = signature.args[0], context.cast(builder, arguments[1], signature.args[1], types.intp)

@@ -1,4 +1,4 @@
-"""Compilation of all kernels, with one cache that is invalidated by any change of a kernel's dependencies."""
+"""Decorators that compile kernels. Machine code is cached until a dependency of the kernel changes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ def must_compile(backend: str) -> None:
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile an entry point for Python and other kernels. The machine code is cached on disk.
 
-    Kernels allocate no memory. Numba's reference counting is off, since it takes longer than a small network.
+    Kernels allocate no memory. Numba's reference counting is off, because it takes longer than a step of a small
+    network.
     """
     return _cached(_njit(error_model="numpy", nogil=True, _nrt=False)(_with_unique_name(function)))
 
@@ -50,8 +51,8 @@ def allocating(function: Callable[..., Any]) -> Any:
 def _with_unique_name(function: F) -> F:
     """Give a function a name that is unique among processes.
 
-    Numba numbers functions of equal name within a process only. If two processes cached two functions of a factory,
-    both could have the same symbol, and a call could reach the wrong function.
+    Numba numbers functions of the same name, but only within a process. If two processes cached two functions that one
+    factory made, both functions could have the same symbol, and a call could reach the wrong function.
     """
     function.__qualname__ = f"{function.__qualname__}.{_PROCESS}"
     return function
@@ -74,7 +75,7 @@ def inlined(function: Callable[..., Any]) -> Any:
 
 @cache
 def compiled(function: FunctionType, decorator: Callable[[Callable[..., Any]], Any] = subkernel) -> Any:
-    """Compile a plain function of a model. Plain functions that it calls or passes on are inlined."""
+    """Compile a plain Python function of a model. Plain functions that it calls or passes on are compiled and inlined."""
     scope = dict(function.__globals__)
     for name in function.__code__.co_names:
         callee = scope.get(name)

@@ -1,14 +1,15 @@
-"""Machine code on disk, in a file for each kernel and types of arguments. The name is a digest of all dependencies.
+"""Machine code on disk, in a file for each kernel and types of arguments. The name of the file has a digest.
 
-A file is written elsewhere, moved into place, and never changed. Any number of processes may compile at once.
-The file begins with a digest of its name and content. Code damaged on disk could end the process or compute wrong
-numbers; a wrong digest makes the kernel compile again. There is no index. If the folder is too large, the files
+A file is written elsewhere, moved into place, and never changed, so any number of processes may compile at once. The
+file begins with a digest of its name and content. Damaged code could end the process or compute wrong numbers, so a
+kernel is compiled again if this digest is wrong. There is no index. If the folder is too large, the files that were
 unused for the longest time are removed.
 
-The name changes with any dependency of the code: the kernel's bytecode, the values of all globals that the bytecode
-reads, all kernels that are called, directly or not, the options of compilation, the compiler and the processor. Values
-and bytecode count, not files, so an edited comment compiles nothing, and functions without a file count, too. Only two
-source files are read: those that define the compilation.
+The digest in the name changes with any dependency of the code: the bytecode of the kernel, the values of all globals
+that the bytecode reads, all kernels that are called, directly or not, the options of compilation, the compiler and the
+processor. Source files are not part of it, so nothing is compiled after a comment was edited, and functions without a
+file can be cached. There are exceptions: the source of the two files that define the compilation, and of the files
+with intrinsics that a kernel uses.
 """
 
 # mypy: disable-error-code="no-untyped-call,attr-defined"
@@ -44,7 +45,7 @@ _result: Any = CompileResult
 _dumps: Any = dumps
 
 MAX_BYTES = 1 << 28
-"""Largest number of bytes of all machine code together; a network takes about one million."""
+"""Largest size of all machine code together, bytes. A network takes about one million."""
 
 _OURS = re.compile(r".+-[0-9a-f]{32}(\.\d+)?", re.DOTALL)
 _DAY_S = 86_400.0
@@ -60,7 +61,7 @@ class KernelCache:
 
     @property
     def cache_path(self) -> str | None:
-        """The folder, or None if no folder can be written."""
+        """The folder of machine code, or None if no folder can be written."""
         place = folder()
         return None if place is None else str(place)
 
@@ -69,17 +70,17 @@ class KernelCache:
         place = self._file(signature, target)
         content = None if place is None else _read(place)
         if content is not None:
-            # A complete file may still come from other libraries and raise any error. Compiling anew replaces it.
+            # A complete file may still come from other libraries and raise any error. Then the kernel is compiled again.
             with suppress(Exception):
                 parts = pickle.loads(content)
                 if self._kernel.targetoptions.get("_nrt", True):
-                    target.refresh()  # only for code that allocates, because this call imports most of numba
+                    target.refresh()  # this call imports most of numba, so it is only made for code that allocates
                 return _result._rebuild(target, *parts)
         self._began = compile_report.begin(cached=place is not None)
         return None
 
     def has(self, signature: Any, target: Any) -> bool:
-        """Return True if a file of machine code for these types of arguments exists. The file may be damaged."""
+        """Return True if there is a file of machine code for these types of arguments, even if the file is damaged."""
         place = self._file(signature, target)
         return place is not None and place.exists()
 
@@ -109,9 +110,10 @@ class KernelCache:
 
 @cache
 def folder() -> Path | None:
-    """Return the folder of machine code, in the user's cache or the temporary folder; None if neither can be written.
+    """Return the folder of machine code, in the user's cache or else in the temporary folder, or None.
 
-    The content is executed, so the folder must belong to this user, be writable only for this user, and be no link.
+    The content is executed. So the folder must belong to this user, must be writable only for this user, and must not
+    be a link. None means that no such folder can be written.
     """
     for place in _places():
         try:
@@ -134,7 +136,7 @@ def _places() -> Iterator[Path]:
 
 
 def _digest(name: str, content: bytes) -> bytes:
-    """Return the digest of a file's name and content. A renamed file is thus invalid."""
+    """Return the digest of a file's name and content. So a renamed file is invalid."""
     return hashlib.sha256(name.encode() + b"/" + content).digest()
 
 
@@ -160,9 +162,9 @@ def _write(place: Path, content: bytes) -> None:
 
 
 def _clear(place: Path, room: int) -> None:
-    """Remove the machine code unused for the longest time, until the remaining files have at most `room` bytes.
+    """Remove the files that were unused for the longest time, until the remaining files have at most `room` bytes.
 
-    Partial files of killed processes are removed after a day; files with other names stay.
+    Partial files of killed processes are removed after a day. Files with other names stay.
     """
     files = []
     with os.scandir(place) as entries:
@@ -185,7 +187,7 @@ _COMPILER = (platform.python_version(), numba.__version__, llvmlite.__version__,
 _config: Any = numba.config
 _COMPILE_FILES = tuple(Path(__file__).with_name(name) for name in ("jit.py", "numba_internals.py"))
 _KNOWN_BY_NAME = {"numba", "numpy", *sys.stdlib_module_names}
-"""Packages whose versions are in `_COMPILER`."""
+"""Packages whose versions are in `_COMPILER`. Their functions are identified by name."""
 
 
 def digest(kernel: Any, arguments: tuple[Any, ...], target: Any) -> str:
@@ -219,7 +221,7 @@ def _hashed(parts: list[object]) -> str:
 
 
 def _typed(kind: Any) -> object:
-    """Return a numba type as text. For a named tuple, the text includes the fields, unlike numba's."""
+    """Return a description of a numba type. In contrast to numba's text, that of a named tuple includes its fields."""
     if isinstance(kind, types.BaseTuple):
         parts: Any = kind
         return repr(kind), getattr(kind, "fields", ()), [_typed(part) for part in parts]
@@ -266,9 +268,9 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _followed(name: str, value: Any, words: list[str]) -> Iterator[tuple[str, Any]]:
-    """Yield a value; for a module, also attributes that a function with these words may read, also in nested modules.
+    """Yield a value. If it is a module, also yield the attributes that a function with these words may read.
 
-    Modules that numba knows by name are not followed.
+    Nested modules are followed, except `math` and `numpy`, which numba knows by name.
     """
     yield name, value
     visited, waiting = {math, np}, [(name, value)]
@@ -284,7 +286,7 @@ def _followed(name: str, value: Any, words: list[str]) -> Iterator[tuple[str, An
 
 
 def _value(function: FunctionType, name: str, value: Any, callees: list[Any]) -> object:
-    """Return the effect of a global on the machine code, and add kernels and functions to `callees`."""
+    """Return the content of a global on which the machine code depends, and add kernels and functions to `callees`."""
     match value:
         case Dispatcher():
             callees.append(value)
@@ -315,7 +317,7 @@ def _value(function: FunctionType, name: str, value: Any, callees: list[Any]) ->
 
 
 def _intrinsic(definition: FunctionType) -> object:
-    """Return the identity of a code generator: source of the module, bytecode, numbers and types of the closure."""
+    """Return the identity of an intrinsic: source of its module, bytecode, numbers and types in its closure."""
     closed = [cell.cell_contents for cell in definition.__closure__ or ()]
     simple_values = [
         _typed(v) if isinstance(v, types.Type) else repr(v)

@@ -16,17 +16,17 @@ from neuro.kernels.jit import kernel, subkernel
 from neuro.kernels.numba_internals import ir, normal_tables
 
 PIECE = 1 << 16
-"""Largest number of values drawn at a time. Values outside the bounds are then drawn again."""
+"""Largest number of values that are drawn at a time, before values outside the bounds are drawn again."""
 
 TRIES = 1000
-"""Largest number of redraws of values outside the bounds."""
+"""Largest number of times that values outside the bounds are drawn again."""
 
 _LANES = 4
 _WORDS = 1024
 _MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
 _LOW = (1 << 64) - 1
 _AT, _HIGH, _JUMP, _STEP = 0, 1, 1 + 2 * _LANES, 3 + 2 * _LANES
-"""Indices in a stream: number of used words, states of the lanes, factor and summand of a jump by `_LANES` steps."""
+"""Indices in a stream: number of used words; states of the lanes; factor, and summand, of a jump by `_LANES` steps."""
 
 _HEAD = 5 + 2 * _LANES
 _FI, _KI, _WI, _R, _INVERSE = normal_tables()
@@ -37,7 +37,7 @@ _UNIT = 2.0**-53
 
 
 class Normals:
-    """Continuation of a generator's stream. The generator itself must not be used any more."""
+    """Normal numbers that continue the stream of a NumPy generator. The generator must not be used any more."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         state = rng.bit_generator.state["state"]
@@ -53,7 +53,7 @@ class Normals:
         self._outside, self._again = np.empty(PIECE, dtype=np.int32), np.empty(PIECE)
 
     def fill(self, values: NDArray[np.float64], mean: float, std: float, low: float, high: float) -> bool:
-        """Fill at most `PIECE` values with numbers in [low, high]; return False if hardly any number is inside."""
+        """Fill at most `PIECE` values with numbers in [low, high]. Return False if hardly any number is inside."""
         return bool(_fill(self._stream, values, mean, std, low, high, self._outside, self._again))
 
 
@@ -103,7 +103,7 @@ def _uniform(stream):
 
 @subkernel
 def _beyond(stream, level, fraction, x):
-    """Return the number for a draw outside its level's rectangle, and True if the number is accepted."""
+    """Return the number for a draw outside the rectangle of its ziggurat level, and True if the number is accepted."""
     if level > 0:
         density = (_FI[level - 1] - _FI[level]) * _uniform(stream) + _FI[level]
         return x, density < np.exp(-0.5 * x * x)

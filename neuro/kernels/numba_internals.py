@@ -1,8 +1,8 @@
-"""All private names of numba and llvmlite used in this project. No other module imports such names.
+"""All private names of numba and llvmlite that this project uses. No other module imports such names.
 
 A minor release of numba may rename private names. So `pyproject.toml` excludes versions above the last tested one, and
-`missing` returns the names that have disappeared. Modules that take long to import are imported on use, since a start
-with all machine code on disk needs none of them.
+`missing` returns the names that have disappeared. Modules that take long to import are imported on use, because a
+run with all machine code on disk needs none of them.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,misc"
@@ -66,17 +66,17 @@ OF_MODULES = {
         "ziggurat_nor_r",
     ),
 }
-"""Used names of each module, with attributes of a class after a dot."""
+"""Names that are used of each module. An attribute of a class follows a dot."""
 
 OF_KERNELS = ("_cache", "overloads", "py_func", "targetctx", "targetoptions")
-"""Used attributes of a compiled function."""
+"""Attributes that are used of a compiled function."""
 
 OF_RESULTS = ("library", "fndesc.llvm_cfunc_wrapper_name", "target_context")
-"""Used attributes of each overload of a compiled function."""
+"""Attributes that are used of each overload of a compiled function."""
 
 
 def missing(kernel: Any) -> list[str]:
-    """Return the names of `OF_MODULES`, `OF_KERNELS` and `OF_RESULTS` missing in the installed versions.
+    """Return the names of `OF_MODULES`, `OF_KERNELS` and `OF_RESULTS` that the installed versions lack.
 
     Args:
         kernel: a compiled function, called at least once.
@@ -103,14 +103,17 @@ def populate_array(array: Any, **parts: Any) -> None:
 
 
 def normal_tables() -> tuple[Any, ...]:
-    """Return NumPy's ziggurat tables of the normal distribution: fi, ki, wi, the tail's beginning and its inverse."""
+    """Return NumPy's ziggurat tables of the normal distribution: fi, ki, wi, the start of the tail, and 1 / start."""
     from numba.np.random._constants import fi_double, ki_double, wi_double, ziggurat_nor_inv_r, ziggurat_nor_r
 
     return fi_double, ki_double, wi_double, ziggurat_nor_r, ziggurat_nor_inv_r
 
 
 STRICT_BOUNDS = 2
-"""Value of numba's BOUNDSCHECK for this check; 1 is numba's own check. Names of cached machine code depend on it."""
+"""Value of numba's BOUNDSCHECK for `check_bounds`, different from 1 for numba's own check.
+
+Names of cached machine code depend on the value.
+"""
 
 
 def check_bounds() -> None:
@@ -127,7 +130,7 @@ def check_bounds() -> None:
 
 
 def _as_it_is(context: Any, builder: Any, kind: Any, index: Any, size: Any) -> Any:
-    """Return an index as a signed word, without numba's wrap-around; huge unsigned indices become negative."""
+    """Return an index as a signed word, without numba's wrap-around. Huge unsigned indices become negative."""
     return context.cast(builder, index, kind, types.intp)
 
 

@@ -1,18 +1,18 @@
-"""Delivery at arrival. Spikes are read from the log; projections with several delays are stored as joined rows.
+"""Delivery of spikes when they arrive. Spikes are read from the log. Synapses with several delays are in joined rows.
 
-A joined row holds the synapses of one projection, or of several projections from one source population. A run is the
-synapses of a source neuron with the same delay, onto all targets of the row. In each step, a spike in the log adds the
-run of its source whose delay equals the age of the spike. The input of one step stays in the cache; a ring of all
-future steps would not. Spikes are added by age, the oldest first, then by id, and the targets of a run ascend. So the
-order of all sums is that of the reference. The order is the same for any number of threads, because each target belongs
-to one thread.
+A joined row has the synapses of one projection, or of several projections from one source population. A run has the
+synapses of one source neuron with the same delay, onto all targets of the row. In each step, a spike in the log adds
+the run of its source whose delay equals the age of the spike. The input of one step stays in the cache, while a ring of
+all future steps would not. The oldest spikes are added first, spikes of the same age by id, and the targets of a run
+ascend. So all sums have the same order as in the reference backend. The order does not depend on the number of threads,
+because each target belongs to one thread.
 
-If each projection has few synapses, its runs are short and most are empty. A row of many projections needs one look-up
-per spike and delay, not one per spike, delay and projection. Joining keeps the order of each sum: only one projection
-of a row reaches a given target, and rows follow the order of projections (see `building.joined_rows`). A synapse takes
-six bytes: the synapses of a run are sorted by place, so 16 bits store the distance to the next place, and a weight that
-fits into 32 bits is stored in 32 bits. One weight of all synapses is stored once. Memory bandwidth sets the time: rows
-of six bytes take half the time of rows of twelve.
+If each projection has few synapses, its runs are short and most runs are empty. A row of many projections needs one
+look-up for each spike and delay, not one for each spike, delay and projection. Joining keeps the order of each sum:
+only one projection of a row reaches a given target, and rows follow the order of projections (see
+`building.joined_rows`). A synapse takes six bytes: 16 bits for the distance from the place of the synapse before it in
+the run, and 32 bits for a weight that fits into them. If all synapses have one weight, it is stored once. Memory
+bandwidth sets the time: rows of six bytes per synapse take half the time of rows of twelve.
 """
 
 # mypy: ignore-errors
@@ -31,8 +31,8 @@ _LINE_BYTES = 64
 
 @subkernel
 def prefetch_lines(begin, end):
-    """Prefetch the cache lines between two addresses. Runs are short, so the first three lines need no branch."""
-    # A prefetch of the same line twice costs less than a branch that is mispredicted.
+    """Prefetch the cache lines between two addresses, the first three without a branch, because runs are short."""
+    # A second prefetch of the same line takes less time than a mispredicted branch.
     final = end - 1
     prefetch(begin)
     prefetch(min(begin + _LINE_BYTES, final))
@@ -43,9 +43,9 @@ def prefetch_lines(begin, end):
 
 @inlined
 def log_delivery(view, q, j, k, begin, stop, ring):
-    """Deliver the spikes of step j over projection q with `deliver_log`, if there are any."""
+    """Deliver the spikes of step j over projection q with `deliver_log`, if its source fired in this step."""
     net = net_of(view)
-    # Tested before the call, because most projections have no spike in most steps.
+    # The test comes before the call, because most projections have no spike in most steps.
     if count_spikes(net, net.projections[q, t.SOURCE], j & (net.log_ends.shape[1] - 1)) > 0:
         deliver_log(view, q, j, k, begin, stop, ring)
 
@@ -54,8 +54,8 @@ def log_delivery(view, q, j, k, begin, stop, ring):
 def carry(view, q, lag, now):
     """Write the spikes under way over a projection at the end of step `now` into its new ring, with their weights.
 
-    Until now they were read from the log `lag` steps after emission. Neurons send the spikes of step `now` when the
-    next step begins, so these spikes get the next weights.
+    Until now these spikes were read from the log `lag` steps after emission. Neurons send the spikes of step `now` when
+    the next step begins, so the spikes of step `now` get the new weights.
     """
     net = net_of(view)
     row = net.projections[q]
@@ -88,31 +88,34 @@ def carry_counts(view, row, step, thread):
 
 @inlined
 def deliver(view, first, last, begin, stop, step):
-    """Add arrivals of a step over the projections first:last of `incoming`, to neurons of the threads begin:stop.
+    """Add the spikes that arrive in a step over the projections first:last of `incoming`.
+
+    The targets are the neurons of the threads begin:stop.
 
     The path of a projection is the first row whose condition holds:
 
     | condition | path | reason |
     | --- | --- | --- |
-    | the target of a current | `generators.drive` | no spikes: currents are summed along lines |
-    | learns by spike pairs | ring, at emission, by the rule's entry | the weight is that at emission |
-    | a grid whose kernels learn by spike pairs | ring, `steps.act`, before it learns | the same, per step |
-    | static, own delays, joined with others | `deliver_joined` | one look-up, long runs for all targets |
-    | static, own delays, a row of its own | `add_row` | its input stays in the cache: 5 ns an event |
-    | own delays otherwise | ring, `deliver.csr_delayed` | most runs would be empty: 42 ns an event |
+    | it carries a current | `generators.drive` | there are no spikes: currents are summed along lines |
+    | learns by spike pairs | ring, at emission, by the rule's entry | spikes have the weight at emission |
+    | a grid whose kernels learn by spike pairs | ring, `steps.act`, before it learns | likewise, once a step |
+    | static, several delays, joined with others | `deliver_joined` | one look-up, long runs for all targets |
+    | static, several delays, a row of its own | `add_row` | its input stays in the cache: 5 ns an event |
+    | several delays otherwise | ring, `deliver.csr_delayed` | most runs would be empty: 42 ns an event |
     | weights were set | ring, `steps.act` | spikes under way keep the old weights (`carry`) |
     | one-to-one from a busy `poisson_generator` | `generators.add_counts` | counts instead of a list: 0.7 ns a draw |
-    | CSR, one weight, busy and large (below) | `deliver_in_ranges` | the input of a range fits the second-level cache |
+    | CSR, one weight, busy and large | `deliver_in_ranges` | the input of a range fits the second-level cache |
     | CSR, one weight | `deliver_shared_weight` | one multiplication a spike; the next row is prefetched |
     | CSR, own weights | `deliver.csr_own` | a weight is read for each synapse |
-    | dense | `deliver.scatter` | a row of weights (or the one weight) is added as a whole, without targets |
+    | dense | `deliver.scatter` | a row of weights (or one weight) is added as a whole, without a list of targets |
     | one-to-one | `deliver.scatter` | one target, without a table |
     | grid | `deliver.grid_add` | the weights of a kernel have the maps innermost: runs of neighbours |
 
-    Joined with others: wherever sums keep their order (`building.joined_rows`; JOINED and JOINED_END).
-    A row of its own (JOINED_ROW): at most as many runs as synapses, or 65,536 (`layout.in_runs`). Busy and large: the
-    spikes of the step reach nearly all blocks (WAKE_ALL) of a population without COLLECTS, and these threads have more
-    than 32,768 targets. Both functions for one weight are in `deliver`.
+    A projection is joined with others wherever sums keep their order (`building.joined_rows`, JOINED, JOINED_END). It
+    has a row of its own (JOINED_ROW) if the row has at most as many runs as synapses, or at most 65,536 runs
+    (`layout.in_runs`). It is busy and large if the spikes of the step reach nearly all blocks (WAKE_ALL) of a
+    population without COLLECTS, and if these threads have more than 32,768 targets. Both functions for one weight are
+    in `deliver`.
 
     LAG, WEIGHT_STRIDE and WAKE_ALL are set in `building.projections`, LAYOUT in `building.layout`, DENSE_COUNTS in
     `building.build`. Projections with LAG 0 have a ring and are not delivered here.
@@ -125,7 +128,7 @@ def deliver(view, first, last, begin, stop, step):
             for thread in range(begin, stop):
                 call_add_row(view, projection[t.JOINED_ROW], step, thread)
             continue
-        # A spike stays in the log and is read LAG steps later, so no ring is written and read.
+        # A spike stays in the log and is read LAG steps later, so it needs no ring.
         j = step - projection[t.LAG]
         if j <= net.clock[begin, t.HORIZON]:
             continue
@@ -153,7 +156,7 @@ def owner(edges, block):
 def run_of(source, delay, target, shortest, n_delays, edges):
     """Return the index of a run. Runs are numbered by source, then by delay, then by the thread of the target."""
     threads = edges.size - 1
-    # Synapses of a source are sorted by delay, then target, so each needs its own search for the thread.
+    # The synapses of a source are sorted by delay, then target, so the thread is searched for each synapse.
     thread = owner(edges, target) if threads > 1 else 0
     return (source * n_delays + np.int64(delay) - shortest) * threads + thread
 
@@ -164,11 +167,13 @@ PREFETCH_DISTANCE = 16
 """Number of runs between a prefetch and its use."""
 
 MOST = 2**32 - 1
-"""Largest number of entries of a joined row. The end of a run is an index of an entry, stored in 32 bits. An entry is a
-step from place to place: to a synapse, or of length FAR."""
+"""Largest number of entries of a joined row, because the end of a run is an index of an entry with 32 bits.
+
+An entry is a step from place to place. It leads to a synapse, or it has the length FAR and leads to no synapse.
+"""
 
 FAR = 2**16 - 1
-"""Step from place to place that ends at no synapse. Several steps reach a synapse at this distance or more.
+"""Length of a step from place to place that ends at no synapse. A synapse at this distance or more takes several steps.
 
 Example: the steps from place 10 to a synapse at place 65,550 (distance 65,540) are FAR and 5.
 """
@@ -176,7 +181,10 @@ Example: the steps from place 10 to a synapse at place 65,550 (distance 65,540) 
 
 @kernel
 def deliver_joined(view, begin, stop, step):
-    """Add the arrivals of a step over all joined rows. Add first the projections that come before them in the sums."""
+    """Add the spikes that arrive in a step over all joined rows of several projections.
+
+    Projections that come before the joined rows in the sums are added first.
+    """
     net = net_of(view)
     for pop in range(net.pops.shape[0]):
         deliver(view, net.pops[pop, t.ARRIVALS], net.pops[pop, t.JOINED], begin, stop, step)
@@ -208,13 +216,13 @@ def add_row(view, k, step, thread):
             for place in range(ends[row[t.SOURCE]], ends[row[t.SOURCE] + 1]):
                 i = np.int64(net.log_ids[sender, place & mask]) - first_source
                 run = row[t.RUN] + (i * row[t.DELAYS] + d) * threads
-                # Counted over all threads, so that every thread takes the same decision to mark all blocks.
+                # The test is over the runs of all threads, so that all threads decide alike whether to mark all blocks.
                 if runs[run + threads] == runs[run]:
                     continue
                 queue[n, 0], queue[n, 1] = runs[run + thread], runs[run + thread + 1]
                 queue[n, 2] = net.log_counts[sender, place & mask]
                 n += 1
-                # The queue holds `QUEUE` runs of several spikes, so that prefetches work across spikes.
+                # The queue has runs of several spikes, so that the runs of later spikes are prefetched too.
                 if n == queue.shape[0]:
                     if net.stop[0] == t.AT_ONCE:
                         return
@@ -242,10 +250,10 @@ def prefetch_joined(view, row, first, last):
 
 @subkernel
 def add_steps(steps, weights, e, w, n, at, m, buf):
-    """Add n weights times m to places of `buf`. Entries of `steps` are distances from place to place, from `at` on."""
+    """Add n weights times m to places of `buf`. `steps` has the distances from place to place, which begin at `at`."""
     for k in range(n):
         at += np.uint64(steps[e + k])
-        # Not even -0.0 may be added after a step without a synapse, because another thread may be adding there.
+        # After a step without a synapse not even -0.0 may be added, because the place may belong to another thread.
         if steps[e + k] != FAR:
             buf[at] += np.float64(weights[w + k]) * m
 
@@ -261,7 +269,7 @@ def add_value(steps, e, n, at, value, buf):
 
 @subkernel
 def add_steps_by_sign(steps, weights, e, w, n, at, second, m, buf):
-    """Like `add_steps`, for weights of both signs: negative weights are added `second` places further."""
+    """Like `add_steps`, for weights of both signs. Negative weights are added `second` places further."""
     for k in range(n):
         at += np.uint64(steps[e + k])
         if steps[e + k] != FAR:
@@ -273,8 +281,8 @@ def add_steps_by_sign(steps, weights, e, w, n, at, second, m, buf):
 def add_joined(view, row, thread, n, slot):
     """Add the first n runs of a thread's queue to the input of the present step, and mark the blocks that they reach.
 
-    If there are many runs, all blocks are marked. The number of runs decides, because it does not depend on the number
-    of threads. The number of entries does, because a long distance takes several entries.
+    If there are many runs, all blocks are marked. The number of runs decides, because it is the same for any number of
+    threads. The number of entries is not, because a long distance takes several entries.
     """
     net = net_of(view)
     queue, buf, steps, due = net.queue[thread], net.buf, net.joined_steps, net.due
@@ -308,7 +316,7 @@ def add_joined(view, row, thread, n, slot):
                 if steps[s] == FAR:
                     continue
                 block = at >> _BLOCK_SHIFT
-                # Places of a further receptor follow those of the one before.
+                # The places of a receptor follow the places of the receptor before it.
                 while block >= blocks:
                     block -= blocks
                 due[thread, mark + block] = 1
@@ -319,10 +327,10 @@ def add_joined(view, row, thread, n, slot):
 
 
 Listed = namedtuple("Listed", "row_ends targets delays edges shortest n_delays weights stride begin")
-"""The synapses of a projection in the program's order, to be copied to joined rows or from them.
+"""The synapses of a projection in the program's order, to be copied to a joined row or from it.
 
-`edges` are the edges of the threads among the targets. `shortest` and `n_delays` are those of the joined row. `stride`
-is 0 if all synapses share a weight. Target 0 is at place `begin`.
+`edges` has the first target of each thread and the end. `shortest` and `n_delays` are the shortest delay and the number
+of delays of the joined row. `stride` is 0 if all synapses share a weight, else 1. Target 0 is at place `begin`.
 """
 
 
@@ -335,9 +343,9 @@ def lay_joined(first_source, end_source, part, at, following, steps, laid):
         end_source: the end of the sources.
         part: the projection, a `Listed`.
         at: place of the last synapse of each run.
-        following: next free entry of each run, or its number of entries while counting.
+        following: next free entry of each run, or its number of entries if `steps` is empty.
         steps: steps of the joined row.
-        laid: weights of the joined row, or the one weight of all synapses.
+        laid: weights of the joined row, or a single weight of all synapses.
     """
     copies, mask = steps.size > 0, np.uint32(0 if laid.size == 1 else MOST)
     for source in range(first_source, end_source):

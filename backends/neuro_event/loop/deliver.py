@@ -1,7 +1,7 @@
-"""Static delivery: adds the spikes of one step to the input of a projection's targets.
+"""Static delivery, which adds the spikes of one step to the input of a projection's targets.
 
-`buf` holds the input of the present step (by receptor, over all neurons), followed by the rings of the projections
-whose spikes are delivered at emission. `due` marks the blocks that receive input in a step.
+`buf` has the input of the present step, (receptors, neurons), and then the rings of the projections whose spikes are
+delivered at emission. `due` marks the blocks that receive input in a step.
 """
 
 # mypy: ignore-errors
@@ -25,19 +25,19 @@ assert LANES == 1 << 3
 def deliver_shared_weight(view, q, first_source, log_slot, begin, stop, out, mark, spot):
     """Deliver the spikes of a step to the targets of the threads begin:stop, with one weight for all synapses.
 
-    `out` is the index of target 0 in `buf`. `mark` is the index in `due` of the population's first block, or -1 if the
-    caller marks all blocks. `spot` is the index in `spots` of its first group of eight neurons, or -1 if `spots` is not
-    used.
+    `out` is the index of target 0 in `buf`. `mark` is the index of the population's first block in `due`, or -1 if the
+    caller marks all blocks. `spot` is the index of the population's first group of eight neurons in `spots`, or -1 if
+    `spots` is not used.
     """
     net = net_of(view)
     projection = net.projections[q]
-    # Loaded into locals, because the compiler must assume that a store into `buf` may change the tables. With the code
-    # of a spike inlined, rows of one synapse are 1.4 times as fast: 10 ns a spike.
+    # The arrays are loaded into locals, because the compiler must assume that a store into `buf` may change the tables.
+    # The code of a spike is inlined, so rows of one synapse are 1.4 times as fast: 10 ns a spike.
     targets, rows, buf, ids, counts = net.targets, net.rows, net.buf, net.log_ids, net.log_counts
     mask, source, senders = ids.shape[1] - 1, projection[t.SOURCE], net.edges.shape[1] - 1
     base, width = projection[t.ROW] + begin - first_source * senders, stop - begin
     weight, due, ending = net.weights[projection[t.WEIGHT]], net.due[begin], net.stop
-    # Threads own ascending ids, so visiting them in order gives the sums of one thread.
+    # Threads own ascending ids. Visited in order, they give the same sums as a single thread.
     for sender in range(senders):
         end = net.log_ends[sender, log_slot, source + 1]
         for place in range(net.log_ends[sender, log_slot, source], end):
@@ -65,7 +65,7 @@ def deliver_shared_weight(view, q, first_source, log_slot, begin, stop, out, mar
 
 @subkernel
 def mark_spots(targets, first, last, spots, spot):
-    """Mark the spots (groups of eight neurons) of the targets first:last. `spot` is the index of target 0's."""
+    """Mark the spots (groups of eight neurons) of the targets first:last. `spot` is the index for target 0."""
     begin = np.uint64(spot)
     for e in range(np.uint64(first), np.uint64(last)):
         spots[begin + (np.uint64(targets[e]) >> _SPOT_SHIFT)] = 1
@@ -81,7 +81,10 @@ def csr_row(view, projection, first_source, thread, sender, place):
 
 @subkernel
 def first_csr_row(view, projection, first_source, thread, sender, log_slot, otherwise):
-    """Return the CSR row of the first spike of a step in the logs of thread `sender` and later ones, or `otherwise`."""
+    """Return the CSR row of the first spike of a step in the logs of thread `sender` and later threads.
+
+    Return `otherwise` if there is none.
+    """
     net = net_of(view)
     while sender < net.edges.shape[1] - 1:
         place = net.log_ends[sender, log_slot, projection[t.SOURCE]]
@@ -93,8 +96,8 @@ def first_csr_row(view, projection, first_source, thread, sender, log_slot, othe
 
 @inlined
 def add_weight(targets, first, last, value, buf, out, prefetch_at):
-    """Add a value to the targets first:last, and prefetch the next spike's targets at the address `prefetch_at`."""
-    begin = np.uint64(out)  # unsigned indices: numba emits no check for negative ones
+    """Add a value to the targets first:last, and prefetch the next spike's targets from the address `prefetch_at`."""
+    begin = np.uint64(out)  # numba emits no check for a negative value of an unsigned index
     # Whole cache lines of 16 targets, with one prefetch each.
     line_end = first + (last - first) // TARGETS_PER_LINE * TARGETS_PER_LINE
     for line in range(np.uint64(first), np.uint64(line_end), np.uint64(TARGETS_PER_LINE)):
@@ -109,8 +112,8 @@ def add_weight(targets, first, last, value, buf, out, prefetch_at):
 def mark_blocks(targets, first, last, due, mark):
     """Mark the blocks of the targets first:last. `mark` is the index of the population's first block.
 
-    A separate loop keeps the loop of additions free of other stores, and `due` is small enough for the first-level
-    cache.
+    The marks have a separate loop, because other stores would slow the loop of additions. `due` is small enough for the
+    first-level cache.
     """
     begin = np.uint64(mark)
     for e in range(np.uint64(first), np.uint64(last)):
@@ -148,9 +151,12 @@ def deliver_in_ranges(view, q, first_source, log_slot, begin, stop, lo, hi, out)
 
 @subkernel
 def add_rows(targets, queue, n, weight, buf, out, lo, hi):
-    """Add the first n rows of the queue (targets ascending). Column 0 advances to the first target not yet added."""
+    """Add the first n rows of the queue, whose targets ascend.
+
+    Column 0 of the queue advances to the first target that was not added yet.
+    """
     ranges = -(-(hi - lo) // RANGE)
-    # The outer loop is over ranges, the inner one over spikes, so each input is still summed in the order of spikes.
+    # The inner loop is over spikes, so each input is still summed in the order of spikes.
     for r in range(ranges):
         below = lo + (hi - lo) * (r + 1) // ranges
         for k in range(n):
@@ -161,13 +167,13 @@ def add_rows(targets, queue, n, weight, buf, out, lo, hi):
 
 @subkernel
 def add_below(targets, first, last, below, value, buf, out, prefetch_at):
-    """Add one value to the targets among first:last below a bound; return the index of the first target not added.
+    """Add a value to those targets among first:last that are below a bound. Return the end of these targets.
 
-    The targets of the next spike at the address `prefetch_at` are prefetched.
+    The targets of the next spike are prefetched from the address `prefetch_at`.
     """
     begin = np.uint64(out)
     e = first
-    # Targets ascend, so if the last one of a line is below the bound, all 16 are.
+    # Targets ascend. If the last target of a cache line is below the bound, all 16 targets are.
     while e + TARGETS_PER_LINE <= last and targets[e + TARGETS_PER_LINE - 1] < below:
         prefetch(prefetch_at + 4 * (e - first))
         line = np.uint64(e)
@@ -182,35 +188,35 @@ def add_below(targets, first, last, below, value, buf, out, prefetch_at):
 
 @inlined
 def count_spikes(net, source, slot):
-    """Return the number of neurons of a population that fired in the step with this slot of the log."""
+    """Return the number of neurons of a population that fired in the step whose slot of the log is `slot`."""
     n = 0
     for sender in range(net.edges.shape[1] - 1):
-        # Populations are logged in order, so one ends where the next begins.
+        # Populations are logged in order, so a population ends where the next one begins.
         n += net.log_ends[sender, slot, source + 1] - net.log_ends[sender, slot, source]
     return n
 
 
 @subkernel
 def receptor(weight, receptors):
-    """Return the receptor that a weight reaches by its sign."""
+    """Return the index of the receptor that the sign of a weight chooses."""
     return 1 if receptors == 2 and weight < 0.0 else 0
 
 
 @subkernel
 def first_receptor(row):
-    """Return the first receptor that a projection may reach: its named receptor, else receptor 0."""
+    """Return the named receptor of a projection, or 0, the first receptor that it may reach."""
     return max(row[t.RECEPTOR], 0)
 
 
 @subkernel
 def receptors_by_sign(row, receptors):
-    """Return the number of receptors among which the sign chooses; 1 if the projection names its receptor."""
+    """Return the number of receptors among which the sign of a weight chooses: 1 if the receptor is named."""
     return receptors if row[t.RECEPTOR] < 0 else 1
 
 
 @subkernel
 def csr_own(view, first, last, w, m, thread, destination):
-    """Add to the targets first:last their own weights times m. `w` is the index of the first weight."""
+    """Add the weights of the synapses first:last, times m, to their targets. `w` is the index of the first weight."""
     net = net_of(view)
     targets, weights, buf, due = net.targets, net.weights, net.buf, net.due[thread]
     if destination.receptors == 2:
@@ -222,7 +228,7 @@ def csr_own(view, first, last, w, m, thread, destination):
         begin, shift = np.uint64(destination.out), np.uint64(w) - np.uint64(first)
         for e in range(np.uint64(first), np.uint64(last)):
             buf[begin + np.uint64(targets[e])] += weights[shift + e] * m
-    # A separate loop keeps the loop above free of other stores, and these few bytes stay in the cache.
+    # The marks have a separate loop, because other stores would slow the loop above. Their few bytes stay in the cache.
     if destination.mark >= 0:
         for e in range(first, last):
             due[destination.mark + (np.int64(targets[e]) >> t.BLOCK_SHIFT)] = 1
@@ -232,13 +238,13 @@ def csr_own(view, first, last, w, m, thread, destination):
 def csr_delayed(view, q, source_id, m, step, after, thread, lo, hi):
     """Deliver one spike into the ring of a projection with individual delays, to the targets lo:hi.
 
-    Arrivals up to step `after` are skipped, because they are already delivered.
+    Synapses at which the spike arrives up to step `after` are skipped, because they have been served.
     """
     net = net_of(view)
     row = net.projections[q]
     threads, blocks, slots = net.edges.shape[1] - 1, net.awake.shape[0], slot_mask(net)
-    # Rows are cut at the threads' edges, but synapses sorted by delay are not sorted by target. So each thread reads
-    # all pieces of a row and skips the targets of other threads.
+    # Each row has a piece for each thread, but synapses that are sorted by delay are not sorted by target. So each
+    # thread reads all pieces of a row and skips the targets of other threads.
     place, receptors = row[t.ROW] + source_id * threads, net.pops[row[t.TARGET], t.RECEPTORS]
     receptor_stride, base, n_receptors = row[t.RING_SIZE], first_receptor(row), receptors_by_sign(row, receptors)
     mark = net.pops[row[t.TARGET], t.FIRST_BLOCK]
@@ -260,13 +266,14 @@ def csr_delayed(view, q, source_id, m, step, after, thread, lo, hi):
 def grid_add(view, row, source, m, thread, lo, hi, destination):
     """Add the kernel of a grid, with maps innermost, to the targets lo:hi around one source, and mark the blocks.
 
-    Negative weights are added `receptor_stride` places further, to the second receptor; 0 if all go to one receptor.
+    Negative weights are added `receptor_stride` places further, to the second receptor. A stride of 0 means that all
+    weights go to one receptor.
     """
     net, (out, _, receptor_stride, mark, _) = net_of(view), destination
     weights, buf, due = net.weights, net.buf, net.due[thread]
     width, sheet = row[t.CHANNEL_WIDTH], row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
     maps, rows, columns, reach = row[t.MAPS], row[t.ROWS], row[t.COLUMNS], row[t.REACH]
-    # A source that is a grid has the channels innermost. An input has the channels outermost, in the order of ids.
+    # A source that is itself the target of a grid has its channels innermost. Other sources have them outermost, by id.
     inside = row[t.CHANNELS_INSIDE]
     channel, pixel = (source % inside, source // inside) if inside > 0 else (source // sheet, source % sheet)
     y, x = pixel // width + row[t.TOP], pixel % width + row[t.LEFT]
@@ -279,7 +286,7 @@ def grid_add(view, row, source, m, thread, lo, hi, destination):
         if mark >= 0:
             begin, end = max(lo, line + first * maps), min(hi, line + (last - 1) * maps + reach)
             if begin < end:
-                # The places of a line are neighbours in memory, so their blocks are marked at once.
+                # The places of a row of the grid are neighbours in memory, so their blocks are marked at once.
                 due[mark + (begin >> t.BLOCK_SHIFT) : mark + ((end - 1) >> t.BLOCK_SHIFT) + 1] = 1
         for c in range(first, last):
             place = (channel * row[t.KERNEL_HEIGHT] + y - r * stride) * row[t.KERNEL_WIDTH] + x - c * stride
@@ -302,9 +309,9 @@ def grid_add(view, row, source, m, thread, lo, hi, destination):
 
 @subkernel
 def add_by_sign(weights, m, first, second):
-    """Add weights times m to the first receptor, or to the second if they are negative.
+    """Add weights times m, the negative weights to the second receptor and the others to the first receptor.
 
-    The other receptor gets -0.0, which changes no bit. So there is no branch, and the loop is vectorised.
+    The opposite receptor gets -0.0, which changes no bit. So there is no branch, and the loop is vectorised.
     """
     for i in range(weights.size):
         weight = weights[i] * m
@@ -314,7 +321,7 @@ def add_by_sign(weights, m, first, second):
 
 @subkernel
 def scatter(view, q, source_id, m, thread, lo, hi, n, destination):
-    """Deliver a spike of multiplicity m over a projection with a single delay, to the targets lo:hi of n."""
+    """Deliver a spike of multiplicity m over a projection with a single delay, to the targets lo:hi of n targets."""
     net, (out, receptors, receptor_stride, mark, spot) = net_of(view), destination
     row, buf, weights = net.projections[q], net.buf, net.weights
     layout = row[t.LAYOUT]
@@ -345,7 +352,7 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, destination):
                 weights[w + lo : w + hi], m, buf[out + lo : out + hi], buf[receptor_out + lo : receptor_out + hi]
             )
     elif layout == t.ONE_TO_ONE:
-        # The target may belong to another thread.
+        # The only target may belong to another thread.
         if lo <= source_id < hi:
             weight = weights[row[t.WEIGHT] + source_id * row[t.WEIGHT_STRIDE]] * m
             buf[out + source_id + receptor(weight, receptors) * receptor_stride] += weight
@@ -362,14 +369,14 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, destination):
 def deliver_log(view, q, sent_step, now, begin, stop, ring):
     """Deliver the spikes of step `sent_step` over projection q, to the targets of the threads begin:stop.
 
-    With `ring` the spikes are written to the projection's ring at the step of arrival, if this step is later than
-    `now`. Without `ring` the spikes are added to the input of step `now`.
+    With `ring` the spikes are added to the slot of their arrival in the projection's ring, if they arrive after `now`.
+    Without `ring` the spikes are added to the input of step `now`.
     """
     net = net_of(view)
     row = net.projections[q]
     target = net.pops[row[t.TARGET]]
     edges = net.edges[target[t.NUMBER]]
-    # A small population may belong to some threads only.
+    # A small population may have no neuron in these threads.
     if edges[begin] >= edges[stop]:
         return
     own_delays = ring and row[t.DELAY_STRIDE] == 1
@@ -386,7 +393,7 @@ def deliver_log(view, q, sent_step, now, begin, stop, ring):
     log_slot = sent_step & (net.log_ends.shape[1] - 1)
     due_slot = (arrival_step & slot_mask(net)) * net.awake.shape[0]
     spot = target[t.BEGIN] // LANES if target[t.COLLECTS] >= 0 else -1
-    # If the spikes reach nearly all blocks, marking all is cheaper than marking per synapse.
+    # If the spikes reach nearly all blocks, it is faster to mark all blocks than to mark a block for each synapse.
     mark_all = not own_delays and spot < 0 and count_spikes(net, row[t.SOURCE], log_slot) >= row[t.WAKE_ALL]
     mark = -1 if mark_all else due_slot + target[t.FIRST_BLOCK]
     if row[t.LAYOUT] == t.CSR and row[t.WEIGHT_STRIDE] == 0 and not own_delays:
@@ -410,7 +417,10 @@ def deliver_log(view, q, sent_step, now, begin, stop, ring):
 
 @subkernel
 def deliver_each(view, q, sent_step, now, log_slot, thread, out, receptor_stride, mark, spot):
-    """Deliver the spikes of a step to a thread's targets, where each synapse has its own weight or delay."""
+    """Deliver the spikes of a step to a thread's targets, spike by spike.
+
+    All projections are delivered so, except CSR projections with one weight and one delay.
+    """
     net = net_of(view)
     row = net.projections[q]
     source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
@@ -421,7 +431,7 @@ def deliver_each(view, q, sent_step, now, log_slot, thread, out, receptor_stride
     destination = Destination(out, receptors, receptor_stride, mark, spot)
     if lo >= hi:
         return
-    # Threads own ascending ids, so visiting them in order gives the sums of one thread.
+    # Threads own ascending ids. Visited in order, they give the same sums as a single thread.
     for sender in range(net.edges.shape[1] - 1):
         for place in range(
             net.log_ends[sender, log_slot, row[t.SOURCE]], net.log_ends[sender, log_slot, row[t.SOURCE] + 1]

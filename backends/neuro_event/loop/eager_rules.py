@@ -1,11 +1,12 @@
-"""Eager pair learning: a post spike acts on all synapses onto the neuron on arrival, a pre spike on a row.
+"""Eager pair learning: a spike acts on synapses as soon as it reaches them.
 
-This is possible if a spike reaches all synapses of a projection in the same step, so that no history is stored and
-searched. The rule must have no modulator, the synapses must share one delay that does not learn, and the rule must not
-read K- of neurons that differ in tau_minus. Nothing that can be set changes this.
+A post spike acts on all synapses onto its neuron, and a pre spike on the row of its neuron. This is possible if a spike
+reaches all synapses of a projection in the same step, so that no history is stored and searched. The rule must have no
+modulator. The synapses must share one delay, which does not learn. The rule must not read K- of neurons that differ in
+tau_minus. No value that can be set during a run changes these conditions.
 
-A decaying trace K is stored as K e^(t / tau), where t counts from the last step that is a multiple of EPOCH. So the
-stored value changes at spikes only, and one product gives K. Passes are compiled for each rule and called by their
+A decaying trace K is stored as K e^(t / tau), where t counts from the last step that is a multiple of EPOCH. So
+the stored value only changes at spikes, and one product gives K. Passes are compiled for each rule and called by their
 address.
 """
 
@@ -36,7 +37,7 @@ from neuro_event.loop.lazy_rules import (
 from neuro_event.loop.tables import RULE_TYPE, net_of, plastic_of, slot_mask
 
 FORWARD = (1 << 62) - 1
-"""A mask that keeps every index, by which the compiler knows that an index is not negative and needs no test."""
+"""A mask that changes no index. It shows the compiler that an index is not negative, so that it emits no test."""
 
 PER_LINE = 16
 """Number of entries of a list of synapses in a cache line."""
@@ -44,39 +45,39 @@ PER_LINE = 16
 _BLOCK_SHIFT = np.uint64(t.BLOCK_SHIFT)
 
 MIN_TRACE = 1e-290
-"""Traces below this become 0, which avoids denormal numbers, with which computing is slow."""
+"""Traces below this value become 0, because arithmetic with denormal numbers is slow."""
 
 
 @inlined
 def pre_decay(plastic, q, j, kind, step):
-    """Return the decay of a pre trace since the epoch of a step began."""
+    """Return the decay of a pre trace since the start of the epoch in which a step lies."""
     # An epoch has at most 1024 steps, and at most 64 times the shortest time constant, so that no digits are lost.
     return plastic.decay[q, RULE_TRACES + j, step % plastic.table[q, t.EPOCH]]
 
 
 @inlined
 def post_decay(plastic, q, j, kind, step):
-    """Return the decay of a post trace since the epoch of a step began."""
+    """Return the decay of a post trace since the start of the epoch in which a step lies."""
     return plastic.decay[q, RULE_TRACES + plastic.kinds.shape[1] // 2 + j, step % plastic.table[q, t.EPOCH]]
 
 
 @inlined
 def pre_value(plastic, j, kind, thread, trace_at, decay, step, h):
-    """Return a pre trace at a step. Of a time trace, the step of the last spike is stored."""
+    """Return a pre trace at a step. A trace of time is stored as the step of the last spike."""
     stored = plastic.k_plus[thread, trace_at + j]
     return (step - stored) * h if kind[TAU] == TIME else stored * decay[j]
 
 
 @inlined
 def post_value(plastic, j, kind, place, decay, step, h):
-    """Return a post trace at a step, which counts the spikes that arrived before."""
+    """Return a post trace at a step, which includes the spikes that arrived before the step."""
     stored = plastic.heard[place, j]
     return (step - stored) * h if kind[TAU] == TIME else stored * decay[j]
 
 
 @inlined
 def value_after(j, kind, values, m):
-    """Return a post trace after m spikes, from the values before them."""
+    """Return post trace j after m spikes. `values` has all post traces before the spikes."""
     return 0.0 if m > 0 and kind[TAU] == TIME else trace_after(kind, values[j], m)
 
 
@@ -85,7 +86,7 @@ def stored_after(kind, stored, decay, step, m):
     """Return the stored value of a trace after m spikes in a step."""
     if kind[TAU] == TIME:
         return np.float64(step)
-    # The trace would vanish at once, and dividing by `decay` would give infinity.
+    # Such a trace vanishes at once, and a division by `decay` would give infinity.
     if decay == 0.0:
         return 0.0
     return kind[ADDS] / decay if kind[NEAREST] == 1.0 else stored + kind[ADDS] * m / decay
@@ -111,7 +112,7 @@ def grow_post(plastic, j, kind, place, decay, step, m):
 def rescale(traces, first, last, stride, decay):
     """Rescale some traces for a new epoch."""
     for place in range(first, last, stride):
-        # This happens once per epoch; otherwise traces only change at spikes.
+        # Traces change here once per epoch, and else only at spikes.
         value = traces[place] * decay
         traces[place] = value if abs(value) > MIN_TRACE else 0.0
 
@@ -136,7 +137,7 @@ def enter_epoch(view, q, thread):
 
 @subkernel
 def arrived_range(view, q, step, thread):
-    """Return the range of places in a thread's log of the post spikes that reach synapses in a step."""
+    """Return the range in a thread's log of the post spikes that reach their synapses in a step."""
     net, plastic = net_of(view), plastic_of(view)
     row = net.projections[plastic.table[q, t.PROJECTION]]
     emitted = step - np.int64(net.delays[row[t.DELAY]])
@@ -160,7 +161,7 @@ def prefetch_list(view, q, target):
 
 @cache
 def eager_entry(model, own_rows):
-    """Compile the eager pass of a rule, with a row of constants for all synapses or for each."""
+    """Compile the eager pass of a rule, with a row of constants for all synapses or for each synapse."""
     row_of = own_row if own_rows else shared_row
     arithmetic = model.arithmetic
     learn_pre, on_post, sent_weight = compile_on_pre(model), compiled(arithmetic.on_post), compiled(model.sends())
@@ -207,18 +208,18 @@ def eager_entry(model, own_rows):
 
     @subkernel
     def arrivals(view, q, step, thread, h):
-        """Process the post spikes that reach this thread's synapses in a step. The next step adds them to traces."""
+        """Process the post spikes that reach this thread's synapses in a step. Traces grow in the next step."""
         net, plastic = net_of(view), plastic_of(view)
         table, mask = plastic.table[q], net.log_ids.shape[1] - 1
         begins = net.pops[net.projections[table[t.PROJECTION], t.TARGET], t.BEGIN]
-        # The spikes of the last step enter the traces now. Post acts before pre, so a spike counts in K- from the step
-        # after its arrival.
+        # The spikes of the last step are added to the traces now. Post acts before pre, so a spike counts in K- from
+        # the step after its arrival.
         first, last = arrived_range(view, q, step - 1, thread)
         for place in range(first, last):
             target = np.int64(net.log_ids[thread, place & mask]) - begins
             m = np.int64(net.log_counts[thread, place & mask])
             grow_posts(plastic, table[t.FIRST_TARGET] + target, post_decays(plastic, q, step - 1), step - 1, m)
-        # Epochs begin at multiples of EPOCH, independent of slices, so cutting a run changes no bit.
+        # Epochs begin at multiples of EPOCH. Slices do not matter, so a run in several parts gives the same bits.
         if step % table[t.EPOCH] == 0:
             enter_epoch(view, q, thread)
         first, last = arrived_range(view, q, step, thread)
@@ -230,7 +231,7 @@ def eager_entry(model, own_rows):
 
     @subkernel
     def pre_spike(view, q, source, step, nth, thread, h):
-        """Process a pre spike: each synapse of this thread learns and sends; then the traces of the source grow."""
+        """Process a pre spike: each synapse of this thread learns and sends. Then the traces of the source grow."""
         net, plastic = net_of(view), plastic_of(view)
         table = plastic.table[q]
         row = net.projections[table[t.PROJECTION]]

@@ -1,4 +1,4 @@
-"""A step of a generator of spikes or currents."""
+"""Kernels that run one step of a generator of spikes or currents."""
 
 # mypy: ignore-errors
 
@@ -15,22 +15,22 @@ from neuro_event.loop.tables import call_entry, draw_counts as call_draw_counts,
 
 _ONE = np.uint64(1)
 _AHEAD = 16
-"""Number of listed spikes between a prefetch of counts and their use. The counts of a camera exceed a cache."""
+"""Number of listed spikes between a prefetch of counts and their use. The counts of a camera do not fit a cache."""
 
 
 @subkernel
 def draw_poisson(view, thread, pop, step, log_at, processed_step, h):
-    """Run one step of a poisson_generator, which writes counts or log entries; return the next place in the log."""
+    """Run one step of a poisson_generator, which writes counts or log entries. Return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
-    # Generators with only one-to-one projections keep counts: 0.7 ns a draw, while logging and delivering a spike costs
-    # about 10 ns.
+    # Generators with only one-to-one projections keep counts. A draw then takes 0.7 ns, while a spike in the log takes
+    # about 10 ns with its delivery.
     if row[t.COUNTS] >= 0:
         call_draw_counts(view, thread, pop, step)
         return log_at
     if step <= row[t.START] or step > row[t.STOP]:
         return log_at
-    # A draw is a hash of key, step and neuron. It has no state, so threads and sleeping blocks do not shift draws.
+    # A draw is a hash of key, step and neuron. There is no state, so threads and sleeping blocks change no draw.
     base = step_word(net.keys[pop], step)
     for block in range(net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]):
         if net.awake[block] == 0:
@@ -40,7 +40,7 @@ def draw_poisson(view, thread, pop, step, log_at, processed_step, h):
         lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
         first = lo - row[t.BEGIN]
         fired = np.uint64(0)
-        for k in range(0, hi - lo, LANES):  # padding places have the bound 1, which no number reaches
+        for k in range(0, hi - lo, LANES):  # places without a neuron have the bound 1, which no number reaches
             fired |= reaching(base, first + k, net.nothing, lo + k) << np.uint64(k)
         while fired:
             i = lo + lowest(fired)
@@ -54,7 +54,7 @@ def draw_poisson(view, thread, pop, step, log_at, processed_step, h):
 
 @subkernel
 def step_generator(view, thread, pop, step, log_at, processed_step, h):
-    """Run one step of a third-party generator; return the next place in the log."""
+    """Run one step of a third-party generator. Return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
     if step <= row[t.START] or step > row[t.STOP]:
@@ -74,12 +74,12 @@ def step_generator(view, thread, pop, step, log_at, processed_step, h):
 
 @subkernel
 def list_spikes(view, thread, pop, step, log_at, processed_step, h):
-    """Emit the listed spikes of a spike_generator in this step; return the next place in the log."""
+    """Emit the spikes that a spike_generator lists for this step. Return the next place in the log."""
     net = net_of(view)
     lo, hi = net.edges[pop, thread] * t.BLOCK, net.edges[pop, thread + 1] * t.BLOCK
     place = net.cursor[thread, pop]
     end = net.cursor[net.cursor.shape[0] - 1, pop]
-    # Each thread reads the whole list and emits its own spikes. Reading is cheap compared with delivering the spikes.
+    # Each thread reads the whole list and emits the spikes of its neurons. To deliver the spikes takes far longer.
     while place < end and net.list_steps[place] <= step:
         if place + _AHEAD < end:
             coming = 8 * np.int64(net.list_ids[place + _AHEAD])
@@ -95,9 +95,9 @@ def list_spikes(view, thread, pop, step, log_at, processed_step, h):
 
 @kernel
 def wake_emitting(mean, awake, busy, first, last, step):
-    """Wake the blocks first:last with a rate above 0 and put the others to sleep.
+    """Wake those blocks among first:last that have a rate above 0, and put the others to sleep.
 
-    `busy` of a block that was awake becomes `step`, its last step with the old rate.
+    If a block was awake, its entry of `busy` becomes `step`, which is its last step with the old rate.
     """
     for block in range(first, last):
         if awake[block] == 1:
@@ -125,7 +125,7 @@ def draw_counts(view, thread, pop, step):
         return
     base = step_word(net.keys[pop], step)
     begin, end = net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]
-    # Up to 512 neighbours are drawn together, so that random words are made by vector instructions.
+    # Up to 512 neighbours are drawn together, so that vector instructions compute the random words.
     run = begin
     for block in range(begin, end + 1):
         if net.stop[0] == t.AT_ONCE:
@@ -137,7 +137,7 @@ def draw_counts(view, thread, pop, step):
             run = block
         if not awake:
             run = block + 1
-            # clear the counts from when the block was awake
+            # The ring may still have counts from the time when the block was awake.
             if block < end and step - net.busy[block] <= row[t.COUNTS_STEPS]:
                 lo, hi = block * t.BLOCK - row[t.BEGIN], min((block + 1) * t.BLOCK, row[t.END]) - row[t.BEGIN]
                 net.counts[place + lo : place + hi] = 0
@@ -151,8 +151,8 @@ def draw_some(view, thread, row, base, lo, hi, counts):
     if row[t.TABLE] >= 0:
         words = net.words[thread, : hi - lo]
         words_of(base, lo, words)
-        # If all rates are equal, all neurons share one table. The first 12 bits of a word nearly always determine the
-        # count: a guide stores the least count of a cell, and whether all words of the cell give it. Else 53 bits do.
+        # If all rates are equal, all neurons share one table. Words with the same first 12 bits form a cell. A guide
+        # has the least count of each cell, and whether all words of the cell give this count. If not, 53 bits decide.
         poisson_by_table(words, net.guides[row[t.TABLE]], net.cumulative[row[t.TABLE]], counts)
     else:
         for k in range(counts.size):
@@ -163,14 +163,14 @@ def draw_some(view, thread, row, base, lo, hi, counts):
         m = np.uint32(counts[k])
         tally[k] += m + (_EVENT if m > 0 else np.uint32(0))
         full |= tally[k]
-    # A tally takes four bytes per neuron instead of sixteen. A single test finds an overflow of any tally.
+    # A tally takes 4 bytes per neuron, while two counts take 16. A single test finds whether any tally is nearly full.
     if full & _FULL:
         settle_tally(tally, net.events[begin:end], net.spikes[begin:end])
 
 
 @subkernel
 def settle_tally(tally, events, spikes):
-    """Move tallies to the counts of events and spikes."""
+    """Add tallies to the counts of events and spikes, and reset the tallies."""
     for k in range(tally.size):
         events[k] += np.int64(tally[k] >> _SHIFT)
         spikes[k] += np.int64(tally[k] & _SPIKES)
@@ -191,7 +191,7 @@ def add_counts(view, thread, q, step, n_all, slots, blocks):
     )
     for block in range(net.edges[target[t.NUMBER], thread], net.edges[target[t.NUMBER], thread + 1]):
         from_block = source[t.FIRST_BLOCK] + block - target[t.FIRST_BLOCK]
-        # spikes from before the block fell asleep may still be under way
+        # Spikes that were emitted before the block fell asleep may still be under way.
         if net.awake[from_block] == 0 and step - row[t.LAG] > net.busy[from_block]:
             continue
         lo = (block - target[t.FIRST_BLOCK]) * t.BLOCK
@@ -200,7 +200,7 @@ def add_counts(view, thread, q, step, n_all, slots, blocks):
         inputs = net.buf[out + lo : out + hi]
         has_spikes = np.uint16(0)
         for i in range(counts.shape[0]):
-            # Without a branch on counts the loop is vectorised. Blocks without a spike are not marked.
+            # The loop has no branch on counts, so that it is vectorised.
             has_spikes |= counts[i]
             old = inputs[i]
             inputs[i] = old + weight * counts[i] if counts[i] > 0 else old
@@ -210,7 +210,7 @@ def add_counts(view, thread, q, step, n_all, slots, blocks):
 
 @kernel
 def drive(view, thread, step):
-    """Compute the external current of populations whose current varies, before their step.
+    """Compute the external current of the populations whose current changes at every step, before their step.
 
     The blocks of these populations never sleep.
     """
@@ -232,7 +232,7 @@ def drive(view, thread, step):
 
 @kernel
 def charge(view, thread, step):
-    """Add the share of currents into receptors to the states of the receptors, after the step of the neurons."""
+    """Add currents into receptors, times their share, to the states of the receptors, after the step of the neurons."""
     net = net_of(view)
     for k in range(net.lines.shape[0]):
         line = net.lines[k]
@@ -245,12 +245,15 @@ def charge(view, thread, step):
 
 @subkernel
 def add_line(view, number, row, lo, hi, step, out):
-    """Add the currents that arrive along a line in a step to `out`; for a receptor, their share."""
+    """Add the currents that arrive along a line in a step to `out`.
+
+    If the line leads to a receptor, the currents are multiplied by their share.
+    """
     net = net_of(view)
     line, rows = net.lines[number], net.emitted_rows[number]
     begin, weight, stride = row[t.BEGIN], line[t.LINE_WEIGHT], line[t.LINE_STRIDE]
-    # Currents are computed in NumPy for a stretch of steps. A current emitted at the end of a step acts in the next
-    # one.
+    # Currents are computed in NumPy for a stretch of steps. A current that is emitted at the end of a step acts in the
+    # next step.
     at = step - 1 - net.emitted_from[0]
     if line[t.HOW] == t.AS_LISTED:
         for i in range(lo, hi):
@@ -267,7 +270,7 @@ def add_line(view, number, row, lo, hi, step, out):
         for i in range(lo, hi):
             arrived = net.emitted[first + (i - begin) * each] * net.line_weights[weight + (i - begin) * stride]
             out[i] += net.shares[line[t.SHARE] + i - begin] * arrived
-    # A value for all neurons is multiplied once.
+    # A single value for all neurons is multiplied by the weight once.
     elif each == 0 and stride == 0:
         arrived = net.emitted[first] * net.line_weights[weight]
         for i in range(lo, hi):

@@ -1,4 +1,4 @@
-"""Groups: choose which neurons at threshold fire, and reset the other neurons."""
+"""Kernels of groups, which choose the neurons at threshold that fire, and reset the other neurons."""
 
 # mypy: ignore-errors
 import math
@@ -12,7 +12,7 @@ from neuro_event.loop.tables import net_of
 
 @kernel
 def settle(view, thread, pop, n, step, log_at, processed_step, h):
-    """Let the winners among the candidates of a group fire; return the next place in the log."""
+    """Let the winners among the candidates of a group fire. Return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
     group = row[t.GROUP]
@@ -23,7 +23,7 @@ def settle(view, thread, pop, n, step, log_at, processed_step, h):
     # A group belongs to a single thread, so all candidates are in this thread's list.
     winner = choose(view, group, row, net.candidates[thread], n, step)
     if net.groups[group, t.IN_TRIAL] == 1 and net.groups[group, t.WINNER] < 0:
-        # Recorded before any reset, so that the potentials of the maps are those at the decision.
+        # The potentials of the maps are recorded before any neuron is reset.
         record_potentials(view, thread, row, step, h)
         net.groups[group, t.WINNER] = winner
         net.groups[group, t.DECIDED] = step
@@ -43,7 +43,7 @@ def settle(view, thread, pop, n, step, log_at, processed_step, h):
 
 @subkernel
 def emit_candidate(view, thread, pop, k, step, log_at, processed_step, h):
-    """Enter the spike of candidate k; return the next place in the log."""
+    """Log the spike of candidate k. Return the next place in the log."""
     net = net_of(view)
     net.active[thread, pop] += 1 - net.candidate_arrived[thread, k]
     return emit(view, thread, pop, net.candidates[thread, k], 1, step, processed_step, h, log_at)
@@ -67,7 +67,7 @@ def choose(view, group, row, candidates, n, step):
         # Most candidates lose by their margin, so a draw is only computed for ties with the best.
         if margin < best_margin:
             continue
-        # The draw depends on the id, not on the internal place, so ties are decided equally on all backends.
+        # The draw depends on the id, not on the internal place, so all backends decide ties in the same way.
         draw = uniform(base, net.order[i])
         if margin > best_margin or draw > best_draw or (draw == best_draw and net.order[i] < net.order[best]):
             best, best_margin, best_draw = i, margin, draw
@@ -76,9 +76,12 @@ def choose(view, group, row, candidates, n, step):
 
 @subkernel
 def record_potentials(view, thread, row, step, h):
-    """Record the largest V_m of each map that has not won, and its neuron (the smallest id of equals)."""
+    """Record the largest V_m of each map that has not won, and the neuron with this V_m.
+
+    If several neurons have it, the smallest id is recorded.
+    """
     net = net_of(view)
-    # A map that has won keeps the potential of that moment.
+    # A map that has won keeps the potential at its first win.
     wins = net.map_wins[row[t.GROUP]]
     for block in range(row[t.FIRST_BLOCK], row[t.LAST_BLOCK]):
         # A sleeping block still has the potentials of the step in which it fell asleep.
@@ -101,10 +104,10 @@ def record_potentials(view, thread, row, step, h):
 
 @subkernel
 def first_rival(view, row, i):
-    """Return the first neuron among the rivals of neuron i, including i. Only one of the rivals fires."""
+    """Return the first neuron among neuron i and its rivals, of which only one fires."""
     net = net_of(view)
     distance = net.groups[row[t.GROUP], t.APART]
-    # Rivals differ along a single axis, so neighbours have equal distances.
+    # Rivals differ along a single axis of the population, so they have equal distances.
     before = (i - row[t.BEGIN]) // distance % net.groups[row[t.GROUP], t.RIVALS]
     return i - before * distance
 
@@ -137,7 +140,7 @@ def reset_rivals(view, thread, row, i, step, h):
 
 @subkernel
 def settle_rivals(view, thread, pop, row, n, step, log_at, processed_step, h):
-    """Let the winners among the candidates fire and reset their rivals; return the next place in the log."""
+    """Let the winners among the candidates fire, and reset their rivals. Return the next place in the log."""
     net = net_of(view)
     winners = 0
     for k in range(n):
@@ -148,7 +151,7 @@ def settle_rivals(view, thread, pop, row, n, step, log_at, processed_step, h):
             winners += 1
     for k in range(winners):
         i = net.candidates[thread, k]
-        # The winner is reset with its rivals, and then the spike is logged once.
+        # `reset_rivals` also resets the winner, so the spike is only logged here.
         reset_rivals(view, thread, row, i, step, h)
         log_at = emit_candidate(view, thread, pop, k, step, log_at, processed_step, h)
     return log_at
@@ -156,7 +159,7 @@ def settle_rivals(view, thread, pop, row, n, step, log_at, processed_step, h):
 
 @subkernel
 def silence(view, row, group, begin, end, step):
-    """Block the neurons begin:end:step that are not blocked yet."""
+    """Block the neurons begin:end:step, so that they cannot win any more."""
     net = net_of(view)
     for i in range(begin, end, step):
         # A neuron that is blocked twice, by a neighbour and by its map, counts as open only once.
@@ -166,7 +169,7 @@ def silence(view, row, group, begin, end, step):
 
 @subkernel
 def enter_winner(view, row, i, step):
-    """Enter neuron i as a winner of a group with several winners, and block the neurons near it."""
+    """Record neuron i as a winner of a group with several winners, and block the neurons near it."""
     net = net_of(view)
     group = row[t.GROUP]
     local = net.local[group]
@@ -178,7 +181,7 @@ def enter_winner(view, row, i, step):
             place = row[t.BEGIN] + (near_r * columns + near_c) * local[t.NEXT_PLACE]
             silence(view, row, group, place, place + local[t.LOCAL_MAPS] * local[t.NEXT_MAP], local[t.NEXT_MAP])
     net.map_wins[group, m] += 1
-    # Equality is enough: when a map is full, no neuron of it can win again, so the count does not increase.
+    # Equality is enough: in a map with PER_MAP wins no neuron can win again, so the count does not increase.
     if net.map_wins[group, m] == local[t.PER_MAP]:
         place = row[t.BEGIN] + m * local[t.NEXT_MAP]
         silence(view, row, group, place, place + rows * columns * local[t.NEXT_PLACE], local[t.NEXT_PLACE])
@@ -194,13 +197,13 @@ def enter_winner(view, row, i, step):
 
 @subkernel
 def settle_locally(view, thread, pop, row, n, step, log_at, processed_step, h):
-    """Let the winners among the candidates fire, the best first; return the next place in the log."""
+    """Choose winners among the candidates one after the other, and let them fire. Return the next place in the log."""
     net = net_of(view)
     group = row[t.GROUP]
     if net.groups[group, t.IN_TRIAL] == 1:
         record_potentials(view, thread, row, step, h)
     best = choose(view, group, row, net.candidates[thread], n, step)
-    # Each winner blocks other candidates, so the best of the rest is chosen again.
+    # Each winner blocks other candidates, so the next winner is the best of the candidates that are left.
     while best >= 0:
         enter_winner(view, row, best, step)
         best = choose(view, group, row, net.candidates[thread], n, step)
@@ -215,7 +218,7 @@ def settle_locally(view, thread, pop, row, n, step, log_at, processed_step, h):
 
 @subkernel
 def open_groups(view):
-    """Open all groups: every neuron may fire unless it is left out of the trial."""
+    """Open all groups: every neuron may fire, unless it is silenced for the trial."""
     net = net_of(view)
     net.closed[:] = 0
     net.map_wins[:] = 0
@@ -231,7 +234,7 @@ def open_groups(view):
 
 @subkernel
 def unmute_all(view, row):
-    """Unmute all neurons left out of a trial. Neurons that a winner has blocked stay blocked."""
+    """Let the neurons that were silenced for a trial fire again. Neurons that a winner has blocked stay blocked."""
     net = net_of(view)
     for i in range(row[t.BEGIN], row[t.END]):
         net.standing[row[t.GROUP], t.OPEN] += net.muted[i] == t.SILENCED

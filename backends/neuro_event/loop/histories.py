@@ -1,8 +1,9 @@
-"""Lazy pair learning: synapses catch up when an event needs them. Eager learning is in `eager_rules`.
+"""Lazy pair learning: a synapse is updated when an event needs it. Eager learning is in `eager_rules`.
 
-Each neuron has a short history of its post spikes. When a history is full, the synapses onto the neuron catch up, and
-entries that no synapse needs any more are dropped. So synapses of silent sources cost no memory. A read catches up a
-copy of the states. A snapshot of an engine in which all projections learn lazily continues lazily until it is reset.
+Each neuron has a short history of its post spikes. A synapse catches up when it applies the post spikes of the history
+that it has not applied yet. When a history is full, all synapses onto the neuron catch up, and entries that no synapse
+needs any more are dropped. So synapses of silent sources take no memory. A read updates a copy of the states. If all
+projections of an engine learn lazily, an engine that is restored from its snapshot learns lazily until a reset.
 """
 
 # mypy: ignore-errors
@@ -48,7 +49,7 @@ def dopamine_at(view, q, target, step, h):
 def catch_up_target(view, q, thread, target, step, whole, h):
     """Catch up every synapse of a projection onto one target.
 
-    With `whole` the synapses are updated to `step`, else to their last post spike before `step`. The caller sets
+    With `whole` the synapses are updated to `step`, without it to their last post spike up to `step`. The caller sets
     APPLIED of the target after all its projections have caught up.
     """
     table = plastic_of(view).table[q]
@@ -58,7 +59,7 @@ def catch_up_target(view, q, thread, target, step, whole, h):
 @subkernel
 def release(view, q, thread, target, step, amount, h):
     """Increase the dopamine concentration of one target."""
-    # Synapses catch up with the old concentration first, because the integral of n c is computed between changes of n.
+    # Synapses catch up first, with the old n, because the integral of n c is computed between changes of n.
     catch_up_target(view, q, thread, target, step, True, h)
     plastic = plastic_of(view)
     place = plastic.table[q, t.FIRST_TARGET] + target
@@ -81,7 +82,7 @@ def dopamine_arrivals(view, q, step, thread, h):
     population = table[t.DOPAMINE]
     slot = j & (net.log_ends.shape[1] - 1)
     mask = net.log_ids.shape[1] - 1
-    # As in NEST, a spike adds 1/tau_n, so that its integral is 1 for any tau_n.
+    # As in NEST, a spike adds 1/tau_n to n, so that the integral over its decay is 1 for any tau_n.
     dose = 1.0 / plastic.tau[q, 1]
     total = 0.0
     for sender in range(net.edges.shape[1] - 1):
@@ -103,7 +104,7 @@ def dopamine_arrivals(view, q, step, thread, h):
 
 @subkernel
 def catch_up_history(view, pop, thread, target, step, whole, h):
-    """Catch up every plastic synapse onto one neuron, see `catch_up_target`; return the longest of their delays."""
+    """Catch up every plastic synapse onto one neuron, see `catch_up_target`. Return their longest delay."""
     net, plastic = net_of(view), plastic_of(view)
     longest = 0
     for q in range(plastic.table.shape[0]):
@@ -113,14 +114,14 @@ def catch_up_history(view, pop, thread, target, step, whole, h):
             longest = max(longest, plastic.table[q, t.LONGEST])
             catch_up_target(view, q, thread, target, step, whole, h)
     past = plastic.past[net.pops[pop, t.HISTORY] + target]
-    # A single step for all synapses onto the neuron, instead of a step per synapse.
+    # The neuron stores one step for all synapses onto it, instead of a step for each synapse.
     past[APPLIED] = max(past[APPLIED], step)
     return longest
 
 
 @subkernel
 def store_others(view, pop, local, n, step, h):
-    """Store the post traces that third-party rules read, with the values just before a spike of their neuron."""
+    """Store the post traces that third-party rules read, as they are just before a spike of their neuron."""
     net, plastic = net_of(view), plastic_of(view)
     history, neuron = net.pops[pop, t.HISTORY] + local, net.pops[pop, t.BEGIN] + local
     others = plastic.others[history]
@@ -138,7 +139,7 @@ def store_others(view, pop, local, n, step, h):
 
 @kernel
 def post_spike(view, pop, thread, local, m, step, processed_step, h):
-    """Enter a spike of multiplicity m into a neuron's history. A full history first drops entries that it can."""
+    """Add a spike of multiplicity m to a neuron's history. A full history first drops entries that are not needed."""
     net, plastic = net_of(view), plastic_of(view)
     past = plastic.past[net.pops[pop, t.HISTORY] + local]
     n = past[ENTRIES]
@@ -157,7 +158,7 @@ def post_spike(view, pop, thread, local, m, step, processed_step, h):
     if n > 0:
         age = (step - past[NEWEST]) * h
         trace += traces[NEWEST + 1] * math.exp(-age / net.tau_minus[net.pops[pop, t.BEGIN] + local])
-    # Stored before the entry is made, because the values are those just before the spike.
+    # These traces must not include the spike, so they are stored before the spike is added.
     if plastic.others.shape[2] > 0:
         store_others(view, pop, local, n, step, h)
     # The newest entry comes first, because synapses most often need it.
@@ -185,7 +186,7 @@ def catch_up_histories(view, pop, n_targets, step, h):
 
 @kernel
 def update_traces(view, q, n_sources, n_targets, step, h):
-    """Update pre traces and n to the present. Post traces need no update: their time constants cannot be set."""
+    """Update pre traces and n to a step. Post traces need no update, because their time constants cannot be set."""
     plastic = plastic_of(view)
     table = plastic.table[q]
     for target in range(n_targets):
@@ -208,7 +209,7 @@ def update_traces(view, q, n_sources, n_targets, step, h):
 
 @kernel
 def write_signal(view, q, values, step, h):
-    """Catch up a modulated projection, then set n."""
+    """Catch up all synapses of a modulated projection, then set n of its targets to `values`."""
     plastic = plastic_of(view)
     for target in range(values.shape[0]):
         catch_up_target(view, q, 0, target, step, True, h)

@@ -1,7 +1,7 @@
 """The lazy pass of pair rules other than `stdp` and `stdp_dopa`, compiled for each rule and called by its address.
 
-The pass is like that of `lazy_stdp`, for any list of traces. A synapse catches up from the history of its target, in
-which `post_spike` stores the values of the traces just before each spike.
+The pass is like the pass of `lazy_stdp`, but for any list of traces. A synapse catches up from the history of its
+target. In the history, `post_spike` stores the values of the traces just before each spike.
 """
 
 # mypy: ignore-errors
@@ -24,33 +24,37 @@ ENTRIES, APPLIED, NEWEST = range(3)
 ENTRY = 3
 """Columns of a history, and the size of an entry.
 
-A history is a row with the number of entries, the step up to which unmodulated synapses have applied them, and the
-entries, the newest first. An entry has three numbers: step, K- just after the spike, multiplicity. All are integers
-except K-, which is a float in the same memory.
+A history is a row of numbers. ENTRIES is the number of entries, and APPLIED the step up to which unmodulated synapses
+have applied them. The entries begin at NEWEST, the newest first. An entry has three numbers: step, K- just after the
+spike, multiplicity. All are integers except K-, which is a float in the same memory.
 """
 
 CATCH_UP, CATCH_UP_WHOLE, ARRIVE, PRE_SPIKE = range(4)
-"""Operations of a compiled rule: two of lazy passes, one of eager passes, and pre spikes.
+"""Operations of a compiled rule. Lazy passes have CATCH_UP and CATCH_UP_WHOLE, eager passes ARRIVE, both PRE_SPIKE.
 
 PRE_SPIKE + k is the (k + 1)-th spike of a neuron in a step.
 """
 
 AHEAD = 16
-"""Number of synapses between the prefetch of a history (and of the target's place in the ring) and its use."""
+"""Number of synapses between the prefetch of a history, and of the target's place in the ring, and their use."""
 
 RULE_TRACES = 3
-"""Row of `decay` at which a rule's traces begin, as in `kinds`: pre traces first, post traces in the second half."""
+"""Row of `decay` at which the traces of a rule begin.
+
+They are in the same order as in `kinds`: pre traces in the first half, post traces in the second half.
+"""
 
 TAU, NEAREST, ADDS = range(3)
-"""Columns of `kinds`."""
+"""Columns of `kinds`: time constant, 1 if only the nearest spike counts, increment by a spike."""
+
 TIME, OF_NEURON = -1.0, -2.0
-"""Special time constants: the trace is the time since a spike; the trace decays with the neuron's tau_minus."""
+"""Special time constants. TIME: the trace is the time since a spike. OF_NEURON: it decays with tau_minus."""
 
 Synapse = namedtuple("Synapse", "q z trace_at target history delay")
 """A synapse in the tables of learning.
 
 `q` is the number of the plastic projection, `z` the column of the states, `trace_at` the place of the source's traces,
-`target` the target in its population, `history` the row of the target's history, and `delay` is in steps.
+`target` the index of the target in its population, `history` the row of the target's history. `delay` is in steps.
 """
 
 
@@ -65,7 +69,7 @@ def mark_all_due(net, target_row, at, thread):
 
 @subkernel
 def slot_address(net, row, receptors, step):
-    """Return the address of the slot of the ring in which a spike arrives over the first synapse."""
+    """Return the address of the slot in the ring at which a spike arrives over the first synapse of the projection."""
     if net.delays.size <= row[t.DELAY]:  # there are no synapses
         return np.int64(0)
     # The address is only prefetched. With individual delays most synapses use another slot, and a wrong prefetch costs
@@ -82,13 +86,13 @@ def shared_row(q, table, z):
 
 @inlined
 def own_row(q, table, z):
-    """Return the row of constants of a synapse, which may be shared."""
+    """Return the row of constants of synapse z, which may be the shared row."""
     return table[t.CONSTANTS] + table[t.CONSTANTS_STRIDE] * z
 
 
 @subkernel
 def trace_after(kind, value, m):
-    """Return a trace just after m spikes, from the value just before."""
+    """Return a trace just after m spikes. `value` is the trace just before them."""
     if m == 0:
         return value
     return kind[ADDS] if kind[NEAREST] == 1.0 else value + kind[ADDS] * m
@@ -96,7 +100,10 @@ def trace_after(kind, value, m):
 
 @inlined
 def pre_value(plastic, q, j, kind, thread, trace_at, step, h):
-    """Return a pre trace at a step. Of a time trace, the step of the last spike plus 1 is stored; 0 means no spike."""
+    """Return a pre trace at a step.
+
+    A trace of time is stored as the step of the last spike plus 1, or 0 if there was no spike.
+    """
     value = plastic.k_plus[thread, trace_at + j]
     if kind[TAU] == TIME:
         return math.inf if value == 0.0 else (step - (value - 1.0)) * h
@@ -120,7 +127,7 @@ def newest_before(past, before):
 
 @inlined
 def post_value(view, q, j, kind, column, history, i, neuron, before, h):
-    """Return a post trace at a step from entry i of a history. Without this entry there was no spike."""
+    """Return a post trace at a step from entry i of a history. If there is no entry i, there was no spike."""
     plastic = plastic_of(view)
     past = plastic.past[history]
     if i == past[ENTRIES]:
@@ -136,21 +143,22 @@ def post_value(view, q, j, kind, column, history, i, neuron, before, h):
 
 @inlined
 def stored_value(plastic, j, kind, column, history, k, m):
-    """Return a post trace just before entry k of a history and after the first m of its spikes."""
+    """Return a post trace at entry k of a history, after the first m of the entry's spikes."""
     if m > 0 and kind[TAU] == TIME:
         return 0.0
     return trace_after(kind, plastic.others[history, k, column + j], m)
 
 
 def tuple_of(function, traces, arguments):
-    """Compile a function that returns the values of all traces as a tuple. The kinds of the traces are literals in it.
+    """Compile a function that returns the values of all traces as a tuple.
+
+    The rows of `kinds` are literals in its source.
 
     Example: for two traces the result is `def values(p): return (pre_value(p, 0, (0.0, 0.0, 1.0)), pre_value(p, 1,
     ...),)`.
     """
     name = function.py_func.__name__
-    # The source is text because kernels make no lists. With the kinds of traces as literals the compiler removes the
-    # branches on them.
+    # The source is text, because kernels make no lists. The compiler removes branches on literals.
     calls = "".join(f"{name}({arguments.format(j=j, kind=_kind(trace))}), " for j, trace in enumerate(traces))
     space = {name: function}
     exec(f"def values({arguments.replace('{j}, {kind}, ', '')}):\n    return ({calls})", space)
@@ -158,7 +166,7 @@ def tuple_of(function, traces, arguments):
 
 
 def _kind(trace):
-    """Return the row of `kinds` for a trace, as far as the rule alone decides it; 0 for a time constant that is set."""
+    """Return the row of `kinds` for a trace, with 0 for a time constant that is a parameter."""
     tau = TIME if not trace.tau else OF_NEURON if trace.tau == "tau_minus" else 0.0
     return tau, float(trace.nearest), float(trace.adds)
 
@@ -190,8 +198,8 @@ def compile_on_pre(model):
 
 @cache
 def rule_entry(model, own_rows):
-    """Compile the lazy pass of a rule, with a row of constants for all synapses or for each."""
-    # Compiled for each case, since testing a stride for each synapse took 4 % of a network that learns.
+    """Compile the lazy pass of a rule, with a row of constants for all synapses or for each synapse."""
+    # Each case is compiled, because a test of the stride at each synapse took 4 % of the time of a learning network.
     row_of = own_row if own_rows else shared_row
     arithmetic, modulated = model.arithmetic, model.modulated
     learn_pre, on_post = compile_on_pre(model), compiled(arithmetic.on_post)
@@ -212,8 +220,8 @@ def rule_entry(model, own_rows):
         def pass_time(view, q, z, target, since, upto, h):
             plastic = plastic_of(view)
             place = plastic.table[q, t.FIRST_TARGET] + target
-            # n is stored as of its last change. `release` and `write_signal` catch up all synapses before they change
-            # it, so from `since` to `upto` it only decays.
+            # n is stored with the value at its last change. `release` and `write_signal` catch up all synapses before
+            # they change n, so n only decays from `since` to `upto`.
             n = (
                 plastic.n[place] * math.exp(-(since - plastic.n_time[place]) * h / plastic.tau[q, 1])
                 if plastic.n[place] != 0.0
@@ -255,10 +263,10 @@ def rule_entry(model, own_rows):
 
     @inlined
     def apply_post_spikes(view, synapse, thread, upto, whole, h):
-        """Apply the post spikes up to step `upto` to a synapse; with `whole` also advance its states to `upto`."""
+        """Apply the post spikes up to step `upto` to a synapse. With `whole`, also advance its states to `upto`."""
         net, plastic = net_of(view), plastic_of(view)
         q, z, trace_at, target, history, delay = synapse
-        # A synapse reads the history of the target at the next pre spike, so 10,000 synapses onto a neuron cost nothing
+        # A synapse reads the history of its target at the next pre spike, so 10,000 synapses onto a neuron take no time
         # while their sources are silent.
         past, column = plastic.past[history], plastic.table[q, t.COLUMN]
         since = applied_until(plastic, z, thread, trace_at, past)
@@ -315,8 +323,8 @@ def rule_entry(model, own_rows):
             target = np.int64(net.targets[e])
             delay = post_delay(net, row, s)
             history = target_row[t.HISTORY] + target
-            # Post acts before pre within a step: a post spike that arrives now acts first, and is not in the traces
-            # that are read below.
+            # Post acts before pre within a step: a post spike that arrives now acts first, and is not part of the
+            # traces that are read below.
             apply_post_spikes(view, Synapse(q, z, trace_at, target, history, delay), thread, step, True, h)
             neuron = target_row[t.BEGIN] + target
             newest = newest_before(plastic.past[history], step - delay)
@@ -356,8 +364,8 @@ def rule_entry(model, own_rows):
             z = table[t.FIRST_SYNAPSE] + np.int64(plastic.in_synapse[i])
             trace_at = table[t.FIRST_SOURCE] + np.int64(plastic.in_source[i]) * table[t.SOURCE_STRIDE]
             if not modulated and plastic.past[history, APPLIED] <= plastic.spiked[thread, trace_at]:
-                # A read shows the weight of the last pre spike, as in NEST, so it is stored before post spikes change
-                # it (see `lazy_stdp`).
+                # As in NEST, a read shows the weight at the last pre spike, so this weight is stored before post spikes
+                # change it (see `lazy_stdp`).
                 plastic.sent[z] = plastic.y[0, z]
             delay = post_delay(net, row, z - table[t.FIRST_SYNAPSE])
             apply_post_spikes(view, Synapse(q, z, trace_at, target, history, delay), thread, step, whole, h)
@@ -374,12 +382,12 @@ def rule_entry(model, own_rows):
 
 
 DECAYS = 2048
-"""Number of steps for which tables hold the decay."""
+"""Number of steps for which tables have the decay of a trace."""
 
 
 @inlined
 def decay_by_index(table, steps, h, tau, k):
-    """Return the decay with tau[k] over some steps; `table` holds the decay over the first steps."""
+    """Return the decay with tau[k] over a number of steps. `table` has the decay over the first `DECAYS` steps."""
     # The table replaces exp. If it does not begin with 1, time constants differ between neurons and there is no table.
     if steps < DECAYS and table[0] == 1.0:
         return table[steps]
@@ -388,7 +396,7 @@ def decay_by_index(table, steps, h, tau, k):
 
 @inlined
 def decay_over(table, steps, h, tau):
-    """Return the decay with tau over some steps; 0 if tau is 0."""
+    """Return the decay with tau over a number of steps, or 0 if tau is 0."""
     if steps < DECAYS and table[0] == 1.0:
         return table[steps]
     return math.exp(-steps * h / tau) if tau > 0.0 else 0.0

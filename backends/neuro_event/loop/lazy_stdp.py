@@ -31,7 +31,7 @@ from neuro_event.loop.operations import with_arguments
 from neuro_event.loop.tables import RULE_TYPE, net_of, plastic_of, slot_mask
 
 Trace = namedtuple("Trace", "decay tau k last")
-"""K+ of a source: the table of its decay, tau in ms, and its value `k` just after the pre spike in step `last`."""
+"""The trace K+ of a source: its value `k` just after the pre spike in step `last`, tau in ms, a table of its decay."""
 
 
 @inlined
@@ -39,8 +39,8 @@ def count_arrived_since(past, since, delay):
     """Return the number of entries of a history, counted from the newest, that arrive after a step."""
     n = past[ENTRIES]
     i = 0
-    # Here and in `post_trace` the search begins at the newest entry. Histories are short, and the newest entry is
-    # nearly always enough.
+    # Here and in `post_trace` the search begins at the newest entry. It nearly always ends there, and histories are
+    # short.
     while i < n and past[NEWEST + ENTRY * i] + delay > since:
         i += 1
     return i
@@ -59,7 +59,7 @@ def post_trace(decay, past, traces, before, h, tau_minus, neuron):
 def compile_repeat(model, on_post):
     """Compile the effect on a synapse of m post spikes in one step."""
     last = len(model.states)
-    assert last <= 1  # so the weight and the last state are the only states
+    assert last <= 1  # the weight and the last state are then the only states
 
     @inlined
     def repeat(view, y, z, c, k, m):
@@ -67,8 +67,8 @@ def compile_repeat(model, on_post):
         for _ in range(1, m):  # nearly always m is 1, which needs no comparison
             weight, state = y[0, z], y[last, z]
             on_post(y, z, c, (k,), (0.0,))
-            # If a spike changes no state, neither do the next spikes. In a runaway network weights are at their bound,
-            # so its many spikes take no time.
+            # If a spike changes no state, the next spikes change none either. In a runaway network the weights are at
+            # their bound, so its many spikes take no time.
             if (y[0, z] == weight and y[last, z] == state) or net_of(view).stop[0] == t.AT_ONCE:
                 return
 
@@ -82,21 +82,22 @@ def _modulated(model, on_post):
 
     @subkernel
     def apply_post_spikes(view, q, z, trace_at, thread, target, past, upto, delay, h):
-        """Apply the post spikes that synapse z has not processed, up to `upto`; return the arrival of the last one."""
+        """Apply the post spikes up to step `upto` that synapse z has not applied yet.
+
+        Return the step in which the last of them arrived, or the step up to which the synapse had learnt.
+        """
         plastic = plastic_of(view)
-        c, grid = (
-            plastic.rule[q],
-            plastic.table[q, t.GRID_STEPS],
-        )  # constants of the projection, since dopamine acts equally on all synapses
+        # Dopamine acts equally on all synapses, so the constants are those of the projection.
+        c, grid = plastic.rule[q], plastic.table[q, t.GRID_STEPS]
         k_plus, last, since = plastic.k_plus[thread, trace_at], plastic.k_time[thread, trace_at], plastic.reached[z]
         for i in range(count_arrived_since(past, since, delay) - 1, -1, -1):
             arrival = past[NEWEST + ENTRY * i] + delay
-            # Entries are sorted by time, so the first one that has not arrived ends the loop.
+            # Entries are sorted by time, so the loop ends at the first entry that has not arrived.
             if arrival > upto:
                 break
             advance(plastic.y, z, c, since, arrival, dopamine_at(view, q, target, since, h), grid)
             since = arrival
-            # Without a pre trace a post spike changes nothing, but dopamine is integrated up to it.
+            # If the pre trace is 0, a post spike changes nothing, but dopamine is still integrated up to the spike.
             if k_plus != 0.0:
                 k = k_plus * decay_by_index(plastic.decay[q, PLUS], arrival - last, h, plastic.tau[q], 0)
                 repeat(view, plastic.y, z, c, k, past[NEWEST + ENTRY * i + 2])
@@ -106,19 +107,20 @@ def _modulated(model, on_post):
     def learn(view, synapse, c, past, trace, thread, upto, whole, h):
         """Apply the post spikes up to step `upto` to a synapse, and dopamine between them.
 
-        With `whole` dopamine is also integrated from the last spike to `upto`. Each integration ends with a clip of the
-        weight, so it may end only at an event or a read. A call that makes room in a history does not set `whole`.
+        With `whole`, dopamine is also integrated from the last spike to `upto`. At the end of each integration the
+        weight is clipped, so an integration may only end at an event or a read. A call that makes room in a history
+        does not set `whole`.
         """
         plastic, (q, z, trace_at, target, _, delay) = plastic_of(view), synapse
         since = plastic.reached[z]
-        # Without a new post spike there is no call.
+        # The call is only needed for a new post spike.
         if past[ENTRIES] > 0 and past[NEWEST] + delay > since:
             since = apply_post_spikes(view, q, z, trace_at, thread, target, past, upto, delay, h)
         if whole and since < upto:
             n = dopamine_at(view, q, target, since, h)
             advance(plastic.y, z, plastic.rule[q], since, upto, n, plastic.table[q, t.GRID_STEPS])
             since = upto
-        # Each synapse stores the end of its last integration, because dopamine also acts between spikes.
+        # Dopamine also acts between spikes, so each synapse stores the step up to which it has been integrated.
         plastic.reached[z] = since
 
     @inlined
@@ -131,9 +133,10 @@ def _modulated(model, on_post):
 
 
 def _plain(model, on_post):
-    """Compile the lazy learning of a synapse without dopamine: a function for pre spikes, and one for other events.
+    """Compile the lazy learning of a synapse without dopamine, as a function for pre spikes and one for other events.
 
-    A read returns the weight at the last pre spike. `catch_up_one` stores it before the first change after that spike.
+    A read returns the weight at the last pre spike. `catch_up_one` stores this weight before it is changed for the
+    first time after the spike.
     """
     repeat = compile_repeat(model, on_post)
 
@@ -165,18 +168,18 @@ def _plain(model, on_post):
 
 @cache
 def lazy_entry(model, own_rows):
-    """Compile the lazy pass of a rule, with a row of constants for each synapse or (faster) for all."""
+    """Compile the lazy pass of a rule, with a row of constants for each synapse or, which is faster, for all."""
     row_of = own_row if own_rows else shared_row
     on_pre, on_post = (with_arguments(model, name, "y, e, c, pre, post") for name in ("on_pre", "on_post"))
     learn, catch_up_one = (_modulated if model.modulated else _plain)(model, on_post)
 
     @subkernel
     def pre_spike(view, q, source, step, thread, h):
-        """Process a pre spike: each synapse of this thread catches up, learns and sends; then K+ grows."""
+        """Process a pre spike: each synapse of this thread catches up, learns and sends. Then K+ grows."""
         net, plastic = net_of(view), plastic_of(view)
         table, y = plastic.table[q], plastic.y
-        # K+ and K- are two numbers that stay in registers. Reading them from memory for each synapse, as `lazy_rules`
-        # does for third-party traces, would be slower, so this pass is separate.
+        # K+ and K- are two numbers that stay in registers. `lazy_rules` reads the traces of third-party rules from
+        # memory for each synapse, which is slower, so this pass is separate.
         minus = plastic.decay[q, MINUS]
         row = net.projections[table[t.PROJECTION]]
         target_row = net.pops[row[t.TARGET]]
@@ -194,13 +197,13 @@ def lazy_entry(model, own_rows):
             address(plastic.past) + 8 * plastic.past.shape[1] * target_row[t.HISTORY],
             8 * plastic.past.shape[1],
         )
-        # Loaded into locals, because the compiler must assume that a store into `buf` may change the tables.
+        # The columns are loaded into locals, because the compiler must assume that a store into `buf` may change them.
         first, to_synapse = row[t.SYNAPSE], table[t.FIRST_SYNAPSE] - row[t.SYNAPSE]
         delay_at, delay_stride = row[t.DELAY], row[t.DELAY_STRIDE]
         ring_at, ring_mask, ring_size = row[t.RING], row[t.RING_MASK], row[t.RING_SIZE]
         history, neuron, mark = target_row[t.HISTORY], target_row[t.BEGIN], target_row[t.FIRST_BLOCK]
         for e in range(net.rows[place], end):
-            # Targets are random, so each history and place in the ring would be a cache miss without a prefetch.
+            # Targets are scattered, so without a prefetch each history and place in the ring would be a cache miss.
             next_target = np.int64(net.targets[min(e + AHEAD, end - 1)])
             prefetch(histories + width * next_target)
             prefetch(slot + 8 * next_target)
@@ -211,10 +214,11 @@ def lazy_entry(model, own_rows):
             past, traces = plastic.past[synapse.history], plastic.traces[synapse.history]
             rule = plastic.rule[row_of(q, table, z)]
             learn(view, synapse, rule, past, pre_trace, thread, step, True, h)
-            # Post acts before pre: post spikes that arrive in this step have potentiated above, and are not in K-.
+            # Post acts before pre: post spikes that arrive in this step have acted in `learn`, and are not part of K-.
             k_minus = post_trace(minus, past, traces, step - delay, h, net.tau_minus, neuron + target)
             on_pre(y, z, rule, (0.0,), (k_minus,))
-            # A weight is sent after its update by this spike, as in NEST. Adding 0.0 turns -0.0, no input, into 0.0.
+            # As in NEST, a weight is sent after its update by this spike. The added 0.0 turns -0.0, which means no
+            # input, into 0.0.
             weight = y[0, z] + 0.0
             second = 1 if receptors == 2 and weight < 0.0 else 0
             at = step + delay
@@ -234,7 +238,7 @@ def lazy_entry(model, own_rows):
 
     @subkernel
     def catch_up(view, q, target, step, thread, whole, h):
-        """Catch up every synapse onto one target. `catch_up_history` does so for all projections, and sets APPLIED."""
+        """Catch up every synapse of this projection onto one target. `catch_up_history` sets APPLIED afterwards."""
         net, plastic = net_of(view), plastic_of(view)
         table = plastic.table[q]
         row = net.projections[table[t.PROJECTION]]

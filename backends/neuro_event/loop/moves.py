@@ -1,9 +1,10 @@
 """Learning by moves: eligibility is gathered after each step of the target, and a signal applies it to the weights.
 
-The projection is delivered like a static one. Two sparse lists are kept besides: the sources with a trace that is
-not 0 (*lit*), from which a post spike gathers, and the sources whose synapses may have a state that is not 0 (*live*),
-which a signal teaches. So the time of a step grows with the active sources, and that of a move with the sources that
-were active since the states were last 0: in an agent, a few thousand of 61,000 synapses.
+The projection is delivered like a static projection. In addition there are two sparse lists. A *lit* source has a trace
+that is not 0; a post spike gathers eligibility from lit sources. A *live* source may have a synapse with a state that
+is not 0; a signal teaches the synapses of live sources. So the time of a step grows with the number of active sources.
+The time of a move grows with the number of sources that were active since the states were last 0. In an agent these
+sources have a few thousand of 61,000 synapses.
 """
 
 # mypy: ignore-errors
@@ -21,7 +22,10 @@ GATHER, TEACH = range(2)
 """Operations of a compiled rule."""
 
 DENSE_FROM = 8
-"""If at least one of `DENSE_FROM` targets is concerned, a dense projection gathers for all targets."""
+"""A dense projection gathers for all targets, if at least one in `DENSE_FROM` targets is concerned by a step.
+
+A target is concerned if it spiked, or if the rule reads a state of it that is not 0.
+"""
 
 LIT, LIVE = range(2)
 """The two lists of sources: index in `move_lists` and column of `move_count`."""
@@ -35,14 +39,14 @@ def trace_of(plastic, j, kind, thread, x_at):
 
 @inlined
 def targets_of(net, target_row, thread):
-    """Return the first and the end of the targets of a thread."""
+    """Return the first target of a thread and the end."""
     lo = net.edges[target_row[t.NUMBER], thread] * t.BLOCK - target_row[t.BEGIN]
     return lo, min(net.edges[target_row[t.NUMBER], thread + 1] * t.BLOCK, target_row[t.END]) - target_row[t.BEGIN]
 
 
 @inlined
 def synapse_range(net, row, source, thread):
-    """Return the first and the end of a source's synapses onto the targets of a thread, counted in the projection."""
+    """Return the range of a source's synapses onto the targets of a thread, counted in the projection."""
     if row[t.LAYOUT] == t.DENSE:
         target_row = net.pops[row[t.TARGET]]
         lo, hi = targets_of(net, target_row, thread)
@@ -66,7 +70,7 @@ def target_of(net, row, source, s):
 
 @subkernel
 def first_synapse_onto(net, row, source, first, end, target):
-    """Return the first synapse in first:end onto a target or a later target; targets of a row ascend."""
+    """Return the first synapse among first:end whose target is `target` or a later one. The targets of a row ascend."""
     while first < end:
         middle = (first + end) // 2
         if target_of(net, row, source, middle) < target:
@@ -78,7 +82,7 @@ def first_synapse_onto(net, row, source, first, end, target):
 
 @subkernel
 def activate(plastic, k, thread, source):
-    """Add a source, whose traces are 0, to both lists."""
+    """Add a source to both lists, unless it is in them."""
     first = plastic.move_table[k, t.MOVE_SOURCE]
     place = first + source
     if plastic.move_is_lit[thread, place] == 0:
@@ -93,14 +97,14 @@ def activate(plastic, k, thread, source):
 
 @cache
 def move_entry(model):
-    """Compile the passes of one rule."""
+    """Compile the operations of a rule for moves."""
     gather, teach = compiled(model.arithmetic.gather), compiled(model.arithmetic.teach)
     traces = tuple_of(trace_of, model.pre, "plastic, {j}, {kind}, thread, x_at")
     n_pre, n_states = len(model.pre), len(model.states)
 
     @subkernel
     def update_traces(view, k, step, thread):
-        """Let the traces decay by a step, and increase them by the spikes that arrive."""
+        """Let the pre traces decay by a step, and increase them by the spikes that arrive."""
         net, plastic = net_of(view), plastic_of(view)
         row = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]]
         first, lit = plastic.move_table[k, t.MOVE_SOURCE], plastic.move_lists[thread, LIT]
@@ -139,7 +143,7 @@ def move_entry(model):
 
     @subkernel
     def gather_from(view, k, source, thread, n):
-        """Gather the eligibility of the synapses from a lit source onto the n concerned targets."""
+        """Gather the eligibility of the synapses from a lit source onto the n targets that the step concerns."""
         net, plastic = net_of(view), plastic_of(view)
         row, c = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]], plastic.move_rule[k]
         to_target, to = plastic.move_table[k, t.MOVE_TARGET], plastic.move_table[k, t.MOVE_SYNAPSE]
@@ -165,7 +169,7 @@ def move_entry(model):
             target = plastic.move_concerned[to_target + lo + at]
             place = to_target + target
             spikes, value, gate = plastic.move_spikes[place], plastic.move_seen[place], plastic.move_gate[place]
-            if row[t.LAYOUT] == t.DENSE:  # the synapse follows from the target without a search
+            if row[t.LAYOUT] == t.DENSE:  # the index of the synapse follows from the target without a search
                 gather(y, np.uint64(to + first + target - lo), c, pre, spikes, value, gate)
                 continue
             for s in range(first_synapse_onto(net, row, source, first, end, target), end):
@@ -175,7 +179,7 @@ def move_entry(model):
 
     @subkernel
     def gather_all(view, k, step, thread):
-        """Gather the eligibility of a step of the target population."""
+        """Gather the eligibility of all synapses of a projection after a step of its target population."""
         net, plastic = net_of(view), plastic_of(view)
         row = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]]
         target_row, state = net.pops[row[t.TARGET]], plastic.move_table[k, t.MOVE_SEEN]
@@ -210,7 +214,7 @@ def move_entry(model):
 
     @subkernel
     def teach_row(view, k, source, thread):
-        """Apply the signal to the synapses of a source; return whether any still has a state that is not 0."""
+        """Apply the signal to the synapses of a source. Return whether any synapse still has a state that is not 0."""
         net, plastic = net_of(view), plastic_of(view)
         row, c = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]], plastic.move_rule[k]
         first, end = synapse_range(net, row, source, thread)
@@ -264,7 +268,7 @@ def move_entry(model):
 
 @kernel
 def gather_moves(view, thread, pop, step, h):
-    """Gather the eligibility of all synapses onto a population that learn by moves, after a step of it."""
+    """Gather the eligibility of all synapses onto a population that learn by moves, after a step of the population."""
     net, plastic = net_of(view), plastic_of(view)
     for k in range(plastic.move_table.shape[0]):
         if net.projections[plastic.move_table[k, t.MOVE_PROJECTION], t.TARGET] == pop:
@@ -283,7 +287,7 @@ def teach_moves(view, k, values):
 
 @kernel
 def clear_moves(view, k):
-    """Set all states of a projection to 0. Only live rows have others."""
+    """Set all states of the synapses of a projection to 0. Only the synapses of live sources have other states."""
     net, plastic = net_of(view), plastic_of(view)
     row, first = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]], plastic.move_table[k, t.MOVE_SOURCE]
     to_synapse = plastic.move_table[k, t.MOVE_SYNAPSE]

@@ -1,4 +1,7 @@
-"""A step of a population of neurons: wake blocks, add ring input, step, fire. Quiet blocks sleep."""
+"""Kernels that run a step of a population of neurons: wake blocks, add the input of rings, step neurons, let them fire.
+
+A quiet block sleeps: it is not stepped until it gets input.
+"""
 
 # mypy: ignore-errors
 import numpy as np
@@ -10,7 +13,7 @@ from neuro_event.loop.operations import BARE, CATCH_UP, FIRE, QUIET, STEP
 from neuro_event.loop.tables import call_entry, net_of, post_spike
 
 IDLE = 16
-"""Number of steps without input after which a block may sleep, and interval of the test in steps."""
+"""Number of steps without input after which a block may sleep. It is also the interval of the test in steps."""
 
 _SIGN = np.int64(-(2**63))
 _ONE = np.uint64(1)
@@ -19,13 +22,13 @@ _MOST = 2.0**63
 
 @subkernel
 def emit(view, thread, pop, i, m, step, processed_step, h, log_at):
-    """Enter a spike of neuron i into log, counts, record and history; return the next place in the log."""
+    """Write a spike of neuron i to the log, counts, record and history. Return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
     place = log_at & (net.log_ids.shape[1] - 1)
     net.log_ids[thread, place] = i
     net.log_counts[thread, place] = m
-    # The log is not tested for being full here: `room` has bounded the spikes of the step before it began.
+    # There is no test for a full log here, because `room` made sure before the step that all spikes of the step fit.
     net.events[i] += 1
     net.spikes[i] += m
     if row[t.RECORD] == 1:
@@ -44,9 +47,9 @@ def wake(view, thread, pop, block, last, h):
     """Update a sleeping block to the end of step `last`."""
     net = net_of(view)
     row = net.pops[pop]
-    # Every 16 steps a block of 64 neurons without input is tested with `quiet`: can any of its neurons reach threshold
-    # without input? `quiet` computes a bound instead of stepping. If no neuron can, the block sleeps until input is due
-    # or a value is set. These moments depend on steps and events only, so cutting a run has no effect.
+    # Every 16 steps, `quiet` of the model tests whether any neuron of a block without input can reach threshold without
+    # input. It computes a bound and makes no steps. If no neuron can, the block sleeps until input is due or a value
+    # is set. These moments only depend on steps and events, so a run in several parts gives the same result.
     n = last - net.slept[block]
     # Linear models make n steps at once. The states of other models did not change while they slept.
     if n > 0 and row[t.LINEAR] == 1:
@@ -85,7 +88,7 @@ def add_ring(view, q, block_lo, block_hi, step, n_all):
         out = r * n_all
         for i in range(block_lo, block_hi):
             net.buf[out + i] = net.buf[out + i] + net.buf[ring + i]
-            # Cleared while it is in the cache. The slot is used again after the longest delay.
+            # The place is cleared while it is in the cache. The slot is used again after the longest delay.
             net.buf[ring + i] = -0.0
 
 
@@ -95,7 +98,7 @@ def has_input(view, i, receptors):
     net = net_of(view)
     received = False
     for r in range(receptors):
-        # Compared as integers, because 0.0 == -0.0: an arriving weight of 0 counts as input, -0.0 does not.
+        # A weight of 0 counts as input, but -0.0 does not. As floats 0.0 == -0.0, so they are compared as integers.
         received |= net.bits[r, i] != _SIGN
     return received
 
@@ -104,7 +107,7 @@ def has_input(view, i, receptors):
 def take_arrivals(view, lo, receptors):
     """Return the number of neurons of a block with input in this step, and clear the input.
 
-    Padding places receive no input.
+    Places of the block without a neuron receive no input.
     """
     net = net_of(view)
     first, bits = np.uint64(lo), net.bits
@@ -129,7 +132,7 @@ def take_arrivals(view, lo, receptors):
 
 @subkernel
 def arrived(view, thread, pop, i):
-    """Return the number of spikes that arrive at a relay; if 64 bits cannot count them, the engine raises an error."""
+    """Return the number of spikes that arrive at a relay. If 64 bits cannot count them, the engine raises an error."""
     net = net_of(view)
     number = net.x[0, i]
     if number + np.float64(net.spikes[i]) < _MOST:
@@ -151,10 +154,10 @@ def step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all):
         if block < end and (net.awake[block] == 1 or net.due[thread, slot + block] == 1):
             lo, hi = block * t.BLOCK, min((block + 1) * t.BLOCK, row[t.END])
             if net.awake[block] == 0:
-                # Updated to the end of the last step. This step follows together with the other blocks.
+                # The block is updated to the end of the last step. It makes this step together with the other blocks.
                 wake(view, thread, pop, block, step - 1, h)
             if net.due[thread, slot + block] == 1:
-                # Rings are only read for blocks that are due, since the ring of a large network exceeds the caches.
+                # Rings are only read for due blocks, because the ring of a large network does not fit the caches.
                 for k in range(row[t.RINGS], row[t.RINGS_END]):
                     add_ring(view, net.incoming[k], lo, hi, step, n_all)
             continue
@@ -166,7 +169,7 @@ def step_word_of_blocks(view, thread, pop, begin, end, slot, step, h, n_all):
 
 @subkernel
 def step_neurons(view, thread, pop, step, log_at, processed_step, h, n_all, slots, blocks):
-    """Run one step of a population; return the number of candidates of its group and the next place in the log."""
+    """Run one step of a population. Return the number of candidates of its group and the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
     first = net.edges[row[t.NUMBER], thread]
@@ -174,7 +177,7 @@ def step_neurons(view, thread, pop, step, log_at, processed_step, h, n_all, slot
     slot = (step & slots) * blocks
     receptors = row[t.RECEPTORS]
     n_candidates = 0
-    if first == last:  # this thread has none of the neurons
+    if first == last:  # this thread has no neuron of the population
         return n_candidates, log_at
     for word in range(first // t.GROUPED, (last + t.GROUPED - 1) // t.GROUPED):
         # A 64-bit word covers eight blocks, so 512 silent neurons are skipped at a time.
@@ -188,13 +191,13 @@ def step_neurons(view, thread, pop, step, log_at, processed_step, h, n_all, slot
         for block in range(begin, end):
             if net.awake[block] == 0:
                 continue
-            # Cleared here, because later deliveries mark this slot for another step.
+            # The mark is cleared here, because later deliveries mark this slot for another step.
             due = net.due[thread, slot + block]
             net.due[thread, slot + block] = 0
             lo, active = block * t.BLOCK, 0
             fired = marked(net.fired, lo)
             if fired:
-                # Spikes are rare, so the bits of the word are visited singly, in the order of ids.
+                # Spikes are rare, so the bits of the word are visited one by one, in the order of ids.
                 while fired:
                     i = lo + lowest(fired)
                     fired &= fired - _ONE
@@ -220,8 +223,8 @@ def step_neurons(view, thread, pop, step, log_at, processed_step, h, n_all, slot
                 net.slept[block] = step
             elif active:
                 net.busy[block] = step
-            # Tested at multiples of IDLE, not IDLE steps after the last event, so that the result does not depend on
-            # where a run is cut.
+            # The test is at multiples of IDLE, not IDLE steps after the last event. So a run in several parts gives the
+            # same result.
             elif step % IDLE == 0 and step - net.busy[block] >= IDLE and is_block_quiet(view, pop, block):
                 net.awake[block] = 0
                 net.slept[block] = step
@@ -241,8 +244,8 @@ def collect(view, first_state, word):
     net = net_of(view)
     first = word * t.GROUPED * SPOTS
     first_row, second_row = net.state[first_state], net.state[first_state + 1]
-    # The input of 4,000 neurons is half as large as their states, and most of it is empty. So only the input at marked
-    # spots is added, counted and cleared; the rest is never read.
+    # The input of 4,000 neurons takes half as much memory as their states, and most of it is empty. So only the input
+    # at marked spots is added, counted and cleared, and no other input is read.
     marks = marked(net.spots, first)
     while marks:
         spot = first + lowest(marks)
@@ -253,7 +256,7 @@ def collect(view, first_state, word):
 
 @kernel
 def step_collecting(view, thread, pop, step, log_at, processed_step, h, slots, blocks):
-    """Run one step of a population whose input is added after the step; return the next place in the log."""
+    """Run one step of a population whose input is added after the step. Return the next place in the log."""
     net = net_of(view)
     row = net.pops[pop]
     first, last = net.edges[row[t.NUMBER], thread], net.edges[row[t.NUMBER], thread + 1]
@@ -276,8 +279,7 @@ def step_collecting(view, thread, pop, step, log_at, processed_step, h, slots, b
                     wake(view, thread, pop, block, step - 1, h)
                 continue
             if run < block:
-                # Input is collected after the step, because these models add input to the currents at the end of a
-                # step.
+                # Input is collected after the step, because these models add it to their currents at the end of a step.
                 call_entry(view, row, BARE, run * t.BLOCK, min(block * t.BLOCK, row[t.END]), thread, step, 0.0)
             run = block + 1
         if due:

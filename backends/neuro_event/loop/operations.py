@@ -1,7 +1,7 @@
-"""Compiled operations on a range of neighbouring neurons of one model.
+"""Compiled operations of a model on a range of neighbouring neurons.
 
-Each model has an entry, which the loop calls by address once for a range of neurons. So a network compiles
-only its models, and a new model compiles only its own code.
+Each model has an entry. The loop calls it by address, once for a range of neurons. So a network only compiles the
+models that it uses, and a new model only compiles its own code.
 """
 
 # mypy: ignore-errors
@@ -25,9 +25,9 @@ from neuro_event.loop import tables as t
 from neuro_event.loop.tables import ENTRY_TYPE, net_of
 
 
-# A step gets the input and the current as arrays. Without input, an array of zeros would still be read for each neuron
-# and step. An opaque type whose items are a constant compiles to a step without this read. Memory bandwidth limits
-# large networks.
+# A step gets the input and the current as arrays. An array of zeros would be read for each neuron and step, although
+# there is no input. With an opaque type whose items are a constant, the compiled step has no such read. This matters in
+# large networks, whose speed is limited by memory bandwidth.
 class Placeholder(types.Opaque):
     """The type of an array of any shape whose items all have one constant value."""
 
@@ -78,7 +78,7 @@ CATCH_UP, STEP, BARE, QUIET, FIRE = range(5)
 
 
 def with_arguments(model, function, arguments):
-    """Return a compiled function of a model for these arguments. The model may use only the first few.
+    """Return a compiled function of a model that takes these arguments. The model may define fewer: the first of them.
 
     Example: for "s, c, x, i_0, lo, hi, fired, u" a model without draws may define step(s, c, x, i_0, lo, hi, fired).
     """
@@ -93,7 +93,7 @@ def with_arguments(model, function, arguments):
 def operations(model):
     """Compile the operations of a model on a range of neurons from its functions, see `neuro.model.neurons.base`.
 
-    A model outside `NEURONS` may read the current in any way, so it always gets an array.
+    A model that is not in `NEURONS` may read the current in any way, so it always gets an array.
     """
     constants, fire = with_arguments(model, "constants", "p, h, c"), with_arguments(model, "fire", "s, c, i")
     step, quiet = (
@@ -125,7 +125,7 @@ def operations(model):
         """Advance neurons that slept for n steps of h ms."""
         net = net_of(view)
         row = net.pops[pop]
-        # A buffer of the thread, since kernels allocate no memory.
+        # Kernels allocate no memory, so each thread has a buffer for constants.
         c = net.scratch[thread]
         if row[t.CONSTANT_STRIDE] == 0:
             skip(net, net.parameters[row[t.CONSTANT]], c, lo, hi, h, n)
@@ -140,10 +140,9 @@ def operations(model):
         net = net_of(view)
         row = net.pops[pop]
         if row[t.CONSTANT_STRIDE] == 0:
-            # With unsigned bounds no index is tested for being negative, so loops are vectorised.
+            # Unsigned indices need no test for a negative value, so loops are vectorised.
             c, begin, end = net.constants[row[t.CONSTANT]], np.uint64(lo), np.uint64(hi)
-            # Without a projection that carries a current, the current is a placeholder, and a step reads one array
-            # less.
+            # If no projection carries a current, the current is a placeholder, so a step reads one array less.
             if row[t.CARRIED] == 1:
                 step(net.state, c, net.x, net.current, begin, end, net.fired, net.draws)
             elif foreign:
@@ -219,12 +218,12 @@ def entry(model):
 
     @kernel
     def run(view, pop, operation, lo, hi, thread, step, h):
-        if linear and operation == CATCH_UP:  # other models do not change while they sleep; `step` is the number slept
+        if linear and operation == CATCH_UP:  # other models do not change asleep; `step` is the number of steps
             catch_up(view, thread, pop, lo, hi, h, step)
         elif operation == STEP:
             if draws:
                 draw(view, pop, lo, hi, step)
-            if foreign:  # a third-party model need only write `fired` of neurons that fire
+            if foreign:  # a third-party model may write `fired` only of neurons that fire
                 net_of(view).fired[lo:hi] = 0
             step_run(view, pop, lo, hi)
         elif operation == BARE:
@@ -265,7 +264,7 @@ def generator_entry(model):
 
 
 NEURONS: tuple[type[Neuron], ...] = (parrot_neuron, iaf_psc_delta, iaf_psc_exp, iaf_psc_alpha, izhikevich)
-"""Models whose step reads single items of input and current only, and writes `fired` for each neuron."""
+"""Models whose step only reads single items of input and current, and writes `fired` of every neuron."""
 
 RULES: tuple[type[Synapse], ...] = (stdp, stdp_dopa)
-"""Rules whose traces are K+ and K-, see `lazy_stdp`. Traces of all other rules are stored as in `lazy_rules`."""
+"""Rules whose traces are K+ and K-, see `lazy_stdp`. The traces of all other rules are stored as in `lazy_rules`."""

@@ -1,12 +1,14 @@
-"""Learning of the kernels of grids: `stdp` and `stdp_dopa`, step by step.
+"""Learning of the kernels of grids by `stdp` and `stdp_dopa`, step by step.
 
-A weight of a kernel stands for many synapses, one at each place of a map. In a step all their changes are computed from
-the weight at the beginning of the step. The sum of the changes (or the mean over the places that changed) is clipped
-once, and holds from the next step on. Each synapse has its own eligibility, since dopamine differs between targets. A
-spike carries the weight of its step: `at_emission` delivers it before the kernel learns.
+A weight of a kernel is the weight of many synapses, one at each place of a map. In a step, the changes of all these
+synapses are computed from the weight at the beginning of the step. The weight changes by their sum, or by their mean
+over the places that changed it. It is clipped once, and used from the next step on. Each synapse has its own
+eligibility, because dopamine differs between targets. A spike is delivered with the weight of its step, because it is
+delivered before the kernel learns.
 
-The time of a step grows with the neurons at both ends and, with dopamine, with the synapses of the places that have any
-eligibility. Weights and eligibilities have the maps innermost, so the inner loops run over neighbours.
+The time of a step grows with the number of sources and targets. With dopamine it also grows with the number of synapses
+at the places that have any eligibility. Weights and eligibilities have the maps innermost, so the inner loops run over
+neighbours.
 """
 
 # mypy: ignore-errors
@@ -29,7 +31,7 @@ potentiation, depression, within = map(compiled, (pairs.potentiation, pairs.depr
 
 @subkernel
 def add_change(plastic, table, entry, pair, amount, step):
-    """Add to the change of a weight. For a mean, count the place once per step."""
+    """Add `amount` to the change of a weight. If the weight changes by a mean, count the place once per step."""
     if amount == 0.0:
         return
     plastic.shared_change[table[t.SHARED_ENTRY] + entry] += amount
@@ -42,7 +44,7 @@ def add_change(plastic, table, entry, pair, amount, step):
 
 @subkernel
 def add_eligibility(plastic, table, c, position, pair, amount):
-    """Add to the eligibility of a synapse, which has the lower bound c_min, and mark its place as live."""
+    """Add `amount` to the eligibility of a synapse, whose lower bound is c_min, and mark its place as live."""
     place = table[t.SHARED_PAIR] + pair
     plastic.shared_c[place] = max(plastic.shared_c[place] + amount, c[modulated.C_MIN])
     plastic.shared_live[table[t.SHARED_POSITION] + position] = 1
@@ -50,7 +52,7 @@ def add_eligibility(plastic, table, c, position, pair, amount):
 
 @subkernel
 def add_dopamine(view, table, step):
-    """Increase n by the dopamine spikes that arrive in a step."""
+    """Increase the dopamine n of the targets by the dopamine spikes that arrive in a step."""
     net, plastic = net_of(view), plastic_of(view)
     emitted = step - table[t.SHARED_LATER]
     if emitted < 1:
@@ -78,7 +80,7 @@ def add_dopamine(view, table, step):
 
 @subkernel
 def integrate(view, table, c, step):
-    """Integrate dopamine over the step that ends, for the synapses of all places with an eligibility."""
+    """Integrate the effect of dopamine over the last step, for the synapses at all places with an eligibility."""
     net, plastic = net_of(view), plastic_of(view)
     row = net.projections[table[t.SHARED_PROJECTION]]
     maps, size = row[t.MAPS], row[t.DEPTH] * row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH] * row[t.MAPS]
@@ -128,7 +130,7 @@ def learn_from_post(view, table, c, target, m, step):
 
 @subkernel
 def learn_from_pre(view, table, c, source, m, step):
-    """Apply m pre spikes of a source (internal place) to its synapses; then increase its trace."""
+    """Apply m pre spikes of a source (internal place) to its synapses. Then increase the trace of the source."""
     net, plastic = net_of(view), plastic_of(view)
     row = net.projections[table[t.SHARED_PROJECTION]]
     width, sheet = row[t.CHANNEL_WIDTH], row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
@@ -178,7 +180,7 @@ def apply_changes(view, table, c):
 
 @kernel
 def learn_kernels(view, step, done_arrivals, arrivals_only, h):
-    """Apply all learning of grids in a step: first arrivals, then the emitted spikes.
+    """Apply all learning of grids in a step: first the spikes that arrive, then the spikes that are emitted.
 
     Networks in which the kernels of a grid learn have one thread.
     """

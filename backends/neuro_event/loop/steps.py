@@ -1,7 +1,7 @@
 """The compiled loop, which runs every step of every network.
 
-`advance` runs the steps first:last for a range of threads. If a single thread does the work of all, each row of
-synapses is read once, instead of once per thread. The loop allocates no memory.
+`advance` runs the steps first:last for a range of threads. If a single thread runs the neurons of all threads, each row
+of synapses is read once, instead of once per thread. The loop allocates no memory.
 """
 
 # mypy: ignore-errors
@@ -32,18 +32,18 @@ from neuro_event.loop.tables import (
 )
 
 HALT = -1
-"""Value of the common end step that makes all threads return."""
+"""Value of the common end step at which all threads return."""
 
 STRIDES = 5
 """Number of times that a thread publishes its progress within the shortest delay."""
 
 PATIENCE = 50_000
-"""Number of reads of the other threads' progress, about 100 us, after which a thread yields its processor."""
+"""Number of reads of the progress of other threads after which a thread yields its core. They take about 100 us."""
 
 
 @subkernel
 def act_at_emission(view, thread, upto, arrivals_upto, h):
-    """Act on the spikes emitted up to a step: fill the rings, and learn; see `act`."""
+    """Deliver the spikes emitted up to a step into rings, and learn from them, see `act`."""
     clock = net_of(view).clock[thread]
     for step in range(clock[t.DONE] + 1, upto + 1):
         # Spikes up to the horizon were dropped by a trial, a reset or a restored state.
@@ -51,8 +51,9 @@ def act_at_emission(view, thread, upto, arrivals_upto, h):
             act(view, step, clock[t.DONE_ARRIVALS], thread, h, 0)
     clock[t.DONE] = max(clock[t.DONE], upto)
     clock[t.DONE_ARRIVALS] = max(clock[t.DONE_ARRIVALS], upto)
-    # At the end of a run, dopamine and post spikes act and devices send up to one step later than neurons: a read must
-    # not show the pre spikes of the last step yet, and neurons send them with weights that are set now.
+    # At the end of a run, dopamine spikes, post spikes and the spikes of devices act up to one step later than the
+    # spikes of neurons. The pre spikes of the last step must not act yet: a read must not show their effect, and neurons send
+    # them with the weights that are set after the run.
     for step in range(clock[t.DONE_ARRIVALS] + 1, arrivals_upto + 1):
         act(view, step, clock[t.DONE_ARRIVALS], thread, h, 1)
     clock[t.DONE_ARRIVALS] = max(clock[t.DONE_ARRIVALS], arrivals_upto)
@@ -60,7 +61,10 @@ def act_at_emission(view, thread, upto, arrivals_upto, h):
 
 @subkernel
 def act(view, step, done_arrivals, thread, h, arrivals_only):
-    """Act on the spikes of one step: those of devices and arrivals at plastic synapses, then those of neurons."""
+    """Deliver the spikes of one step into rings, and learn from them.
+
+    With `arrivals_only`, only spikes of devices and arrivals at plastic synapses act, not the pre spikes of neurons.
+    """
     net = net_of(view)
     # Static synapses come before learning, so that sums in rings have the same order for any number of threads.
     for k in range(net.at_emission.shape[0]):
@@ -74,12 +78,11 @@ def act(view, step, done_arrivals, thread, h, arrivals_only):
 
 @inlined
 def step_population(view, thread, pop, step, processed_step, h):
-    """Run one step of a population on a thread. All input of the step must have been added."""
+    """Run one step of a population on a thread, after all input of the step has been added."""
     net = net_of(view)
     row = net.pops[pop]
     log_at, kind = net.log_at[thread, 0], row[t.KIND]
-    # Ends are stored for every step, even without spikes, so that a population's spikes are found without a search. The
-    # number of steps is a power of two, so a mask replaces a division.
+    # Ends are stored for every step, even without spikes, so that the spikes of a population need no search. The number of slots is a power of two, so a mask replaces a division.
     net.log_ends[thread, step & (net.log_ends.shape[1] - 1), pop] = log_at
     if kind == t.NEURON:
         slots, blocks = slot_mask(net), net.awake.shape[0]
@@ -99,7 +102,7 @@ def step_population(view, thread, pop, step, processed_step, h):
         log_at = list_spikes(view, thread, pop, step, log_at, processed_step, h)
     elif kind == t.GENERATOR:
         log_at = step_generator(view, thread, pop, step, log_at, processed_step, h)
-    # Each thread's place has its own cache line. A line that two threads write moves between cores, 250 ns each time.
+    # Each thread's place has its own cache line. A line that two threads write moves between cores, which takes 250 ns.
     net.log_at[thread, 0] = log_at
     if row[t.GATHERS] == 1:
         gather_moves(view, thread, pop, step, h)
@@ -111,7 +114,7 @@ def advance(view, begin, stop, first, last, h):
     net = net_of(view)
     n, driven = net.pops.shape[0], net.lines.shape[0] > 0
     processed_step = first - 1
-    # Only now have all threads logged the spikes of the last slice. These spikes arrive in step `first` or later.
+    # All threads have now logged the spikes of the last slice, which arrive in step `first` or later.
     for thread in range(begin, stop):
         act_at_emission(view, thread, processed_step, processed_step, h)
     for step in range(first, last):
@@ -138,7 +141,7 @@ def advance(view, begin, stop, first, last, h):
 
 @subkernel
 def room(view, step, steps, reach):
-    """Return the number of next steps for which log and record are large enough, however many neurons fire."""
+    """Return the number of next steps, at most `steps`, for which log and record have room even if all neurons fire."""
     net = net_of(view)
     for thread in range(net.edges.shape[1] - 1):
         n = net.most[thread]
@@ -146,7 +149,7 @@ def room(view, step, steps, reach):
             continue
         # Spikes older than `reach` steps have arrived everywhere, so their places in the log are free.
         oldest = net.log_ends[thread, (step - reach) & (net.log_ends.shape[1] - 1), 0]
-        # `n` bounds the spikes of a step, so that no emission has to test whether the log is full.
+        # At most `n` neurons fire in a step. With this bound, no emission has to test whether the log is full.
         steps = min(steps, (net.log_ids.shape[1] - (net.log_at[thread, 0] - oldest)) // n)
         steps = min(steps, (net.rec_ids.shape[1] - net.rec_at[thread, 0]) // n)
     return steps
@@ -154,19 +157,19 @@ def room(view, step, steps, reach):
 
 @kernel
 def has_room(view, step, steps, reach):
-    """Return the number of next steps for which log and record are large enough, however many neurons fire."""
+    """Return the result of `room` to Python."""
     return room(view, step, steps, reach)
 
 
 @kernel
 def run(view, first, last, longest, reach, h):
-    """Run the steps first:last in slices of at most `longest` steps; return the first step without room, or `last`."""
+    """Run the steps first:last in slices of at most `longest` steps. Return the first step without room, or `last`."""
     net = net_of(view)
     threads = net.edges.shape[1] - 1
     step = first
     net.reached[0] = step
     while step < last:
-        # Tested once for many steps: a test at each spike would cost more than the memory that an exact bound saves.
+        # Room is tested once for many steps. A test at each spike would need less memory, but take too much time.
         until = step + room(view, step, last - step, reach)
         if until == step or net.stop[0] != 0:
             break
@@ -176,7 +179,7 @@ def run(view, first, last, longest, reach, h):
             advance(view, 0, threads, step, end, h)
             step = end
             net.reached[0] = step
-    # A read at the last step shows dopamine and post spikes up to this step, but not the pre spikes emitted in it.
+    # A read after the run shows the effect of dopamine and post spikes up to the last step, but not of its pre spikes.
     for thread in range(threads):
         act_at_emission(view, thread, step - 2, step - 1, h)
     return step
@@ -184,7 +187,7 @@ def run(view, first, last, longest, reach, h):
 
 @subkernel
 def only_spikes(view):
-    """Return whether threads only exchange spikes: there are no rings to fill, no learning and no varying currents."""
+    """Return whether threads only exchange spikes, because there are no rings, no learning and no varying currents."""
     net = net_of(view)
     # Rings, learning and currents are computed at the end of a slice from the logs of all threads, so threads that need
     # them must begin each slice together.
@@ -193,7 +196,7 @@ def only_spikes(view):
 
 @subkernel
 def slowest(progress):
-    """Return the step up to which all threads are done."""
+    """Return the first step that some thread has not finished."""
     step = load_acquire(progress, 0)
     for thread in range(1, progress.shape[0] - 1):
         step = min(step, load_acquire(progress, thread))
@@ -202,9 +205,9 @@ def slowest(progress):
 
 @subkernel
 def allow(view, progress, step, last, most, reach):
-    """Extend the common end step, if all threads have done the steps up to `step`, or halt them if the logs are full.
+    """Extend the common end step, if all threads have finished the steps before `step`, or halt them if logs are full.
 
-    The spikes of threads that are ahead are counted twice, so the new end never exceeds the size of the logs.
+    Some threads are ahead, and their spikes are counted twice. So the logs always have room up to the new end.
     """
     threads = progress.shape[0] - 1
     end = load_acquire(progress, threads)
@@ -221,19 +224,19 @@ def share(view, progress, thread, last, longest, reach, h):
     """Run one thread's part of the steps up to `last`, while other threads run theirs.
 
     All delays are at least `longest` steps. So a thread that only needs spikes may be `longest` steps ahead of the
-    slowest one. Otherwise all threads begin each slice of `longest` steps together.
+    slowest thread. Otherwise all threads begin each slice of `longest` steps together.
 
-    Each row of `progress` holds the step up to which a thread is done. The last row holds the step up to which all may
-    run, which thread 0 sets, or `HALT`.
+    Each row of `progress` has the next step of a thread. The last row has the step before which all threads must stop,
+    or `HALT`. Thread 0 sets it.
 
-    Return 1 if all steps are done or the logs are full. Return 0 after waiting in vain for other threads; a later call
-    continues.
+    Return 1 if all steps are finished or the logs are full. Return 0 if the thread has waited in vain for other
+    threads; a later call continues.
     """
     threads = progress.shape[0] - 1
     free = only_spikes(view)
-    # Threads that only need spikes run up to `longest` steps ahead of the slowest, so that a thread with less activity
-    # need not wait. They publish their progress `STRIDES` times in this interval: early enough for the other threads,
-    # while at each step a cache line would move between cores.
+    # Threads that only need spikes run up to `longest` steps ahead of the slowest thread, so that a thread with less
+    # activity need not wait. They publish their progress `STRIDES` times in this interval, which is early enough for
+    # the other threads. If they published it at each step, a cache line would move between cores at each step.
     stride, most_ahead = (max(1, longest // STRIDES), 2 * longest) if free else (longest, longest)
     patience, last_least = PATIENCE, HALT
     while patience > 0:
@@ -261,7 +264,7 @@ def share(view, progress, thread, last, longest, reach, h):
 
 @kernel
 def finish(view, thread, last, h):
-    """Apply the learning that a read at the end of a run shows."""
+    """Apply the learning up to the end of a run, so that reads show it."""
     act_at_emission(view, thread, last - 1, last, h)
 
 
@@ -286,10 +289,10 @@ def wake_population(view, pop, step, h):
 
 @kernel
 def begin_trial(view, pop, group, start, h):
-    """Drop all spikes under way after step `start`, open the groups, and reset the trials' output population."""
+    """Drop all spikes that are under way after step `start`, open the groups, and reset the output population."""
     net = net_of(view)
     row = net.pops[pop]
-    # Dropped before the groups open, because a spike under way from the last trial must not decide this one.
+    # Spikes are dropped before the groups open, because a spike of the last trial must not decide this trial.
     drop_all(view, start)
     open_groups(view)
     net.groups[group, t.IN_TRIAL] = 1
@@ -305,10 +308,10 @@ def begin_trial(view, pop, group, start, h):
 
 @kernel
 def run_trial(view, group, first, last, at_decision, reach, h):
-    """Run the steps first:last of a trial; return the next step: after a decision, where logs are full, or `last`."""
+    """Run the steps first:last of a trial, up to a decision if `at_decision` is true. Return the next step to run."""
     net = net_of(view)
     for step in range(first, last):
-        # Steps run singly, because a decision ends the trial in the same step.
+        # Steps run one by one, because a decision ends the trial in the same step.
         if net.stop[0] != 0 or room(view, step, 1, reach) < 1:
             return step
         advance(view, 0, net.edges.shape[1] - 1, step, step + 1, h)
@@ -319,7 +322,10 @@ def run_trial(view, group, first, last, at_decision, reach, h):
 
 @kernel
 def end_trial(view, pop, group, end, h):
-    """Record the potentials of the maps if there was no decision, unmute the neurons, and finish step `end`."""
+    """Finish a trial at step `end`: let silenced neurons fire again, and apply the learning.
+
+    If there was no decision, or if a group may have several winners, the potentials of the maps are recorded.
+    """
     net = net_of(view)
     row = net.pops[pop]
     if net.groups[group, t.WINNER] < 0 or net.local[group, t.RADIUS] >= 0:
@@ -347,7 +353,7 @@ def drop_all(view, step):
 
 @subkernel
 def learn_step(view, step, done_arrivals, thread, h, arrivals_only):
-    """Apply the pair learning of one step: first arrivals of post and dopamine spikes, then the emitted pre spikes."""
+    """Apply the pair learning of one step: first arriving post and dopamine spikes, then the emitted pre spikes."""
     net, plastic = net_of(view), plastic_of(view)
     for q in range(plastic.table.shape[0]):
         if step > done_arrivals:

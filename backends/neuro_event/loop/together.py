@@ -1,6 +1,6 @@
-"""Kernels that Python calls between steps: for probes, and for several engines of the same network in a single call.
+"""Kernels that Python calls between steps, for probes and for several engines of the same network.
 
-A call takes as long as a step of a small network, so a call per engine would take most of the time.
+A call takes as long as a step of a small network, so a single call for all engines saves most of the time.
 """
 
 # mypy: ignore-errors
@@ -24,8 +24,8 @@ _run = caller(types.int64, *(types.int64,) * 5, types.float64)
 def run_all(run, views, first, last, longest, reach, h, forget, reached):
     """Run the steps first:last of all engines.
 
-    `run` is the address of `steps.run`, and `reached` receives its results. With `forget` spikes are not recorded, so
-    the record is never full.
+    `run` is the address of `steps.run`. `reached` receives its result for each engine, (engines,). With `forget` spikes
+    are not recorded, so the record is never full.
     """
     for k in range(views.shape[0]):
         if forget:
@@ -41,7 +41,10 @@ def run_all(run, views, first, last, longest, reach, h, forget, reached):
 
 @kernel
 def list_all(views, pop, place, offsets, ticks, ids, step):
-    """Let engine k emit only the spikes offsets[k]:offsets[k + 1] of `ticks` (after `step`) and `ids`."""
+    """Replace the listed spikes of a population.
+
+    Engine k emits the entries offsets[k]:offsets[k + 1] of `ticks` and `ids`. Ticks are counted from `step`.
+    """
     for k in range(views.shape[0]):
         net = net_of(views[k])
         begin, at = net.pops[pop, t.BEGIN], place
@@ -105,10 +108,10 @@ def clear_all(views, q, which):
 
 @kernel
 def merge_all(views, q, weights, gained):
-    """Add the changes of all engines to the weights of a projection that learns by moves, and set them in each.
+    """Add the changes of all engines to the weights of a projection that learns by moves, and write them to each engine.
 
-    `weights` has the weights before the changes and receives the result. `gained` must be 0. Weights that did not
-    change are not written, since writing would load all of them into the cache.
+    `weights` has the weights before the changes, and receives the result. `gained`, a buffer of the same size, must be
+    0. Only weights that changed are written, because a write of all weights would load them into the cache.
     """
     for k in range(views.shape[0]):
         plastic = plastic_of(views[k])
@@ -129,14 +132,14 @@ def merge_all(views, q, weights, gained):
 
 @kernel
 def note(view, q, source, step, thread):
-    """Record the states of this thread's synapses of a source after its spike."""
+    """Record the states of a source's synapses onto this thread's neurons, after a spike of the source."""
     net, plastic = net_of(view), plastic_of(view)
     row = net.projections[plastic.table[q, t.PROJECTION]]
     place = row[t.ROW] + source * (net.edges.shape[1] - 1) + thread
     at = plastic.note_at[thread, 0]
     for e in range(net.rows[place], net.rows[place + 1]):
         z = plastic.table[q, t.FIRST_SYNAPSE] + e - row[t.SYNAPSE]
-        # A row has thousands of synapses, so testing a byte for each is faster than searching those of a probe.
+        # To test a byte for each of a row's thousands of synapses is faster than to search the synapses of a probe.
         if plastic.note_this[z] == 1:
             plastic.note_steps[thread, at] = step
             plastic.note_synapses[thread, at] = z
@@ -148,13 +151,13 @@ def note(view, q, source, step, thread):
 
 @kernel
 def notes_to_come(view, upto):
-    """Return an upper bound of the records per thread that the spikes up to a step will make."""
+    """Return an upper bound of the number of records per thread after the spikes up to a step."""
     net, plastic = net_of(view), plastic_of(view)
     threads = net.edges.shape[1] - 1
     mask = net.log_ids.shape[1] - 1
     most = np.int64(0)
     for thread in range(threads):
-        # With an upper bound before the step, no pre spike has to test whether the buffer is full.
+        # The bound is computed before the step, so that no pre spike has to test whether the buffer is full.
         number = plastic.note_at[thread, 0]
         for step in range(net.clock[thread, t.DONE] + 1, upto + 1):
             slot = step & (net.log_ends.shape[1] - 1)
@@ -174,7 +177,7 @@ def notes_to_come(view, upto):
 
 @kernel
 def sample(view, pop, state, places, step, h, aside, out):
-    """Write a state of some neurons of a population as of `step` into `out`. Sleeping blocks stay asleep.
+    """Write a state of the neurons at `places` of a population, at `step`, into `out`. Sleeping blocks stay asleep.
 
     `aside` is a buffer for the states of a block and for `fired`, shape (states + 1, t.BLOCK).
     """
@@ -207,7 +210,7 @@ def sample(view, pop, state, places, step, h, aside, out):
 
 @kernel
 def follow_peaks(view, pop, tick, value, when):
-    """Update the largest V_m of each neuron so far, and its tick, by id."""
+    """Update `value`, the largest V_m of each neuron so far, and `when`, its tick. Both are in the order of ids."""
     net = net_of(view)
     for i in range(net.pops[pop, t.BEGIN], net.pops[pop, t.END]):
         # Callers expect the order of ids, not the internal order.

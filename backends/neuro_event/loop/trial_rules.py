@@ -1,6 +1,6 @@
-"""Rules for trials, applied to the kernel or the synapses of one neuron.
+"""Passes of rules for trials: `teach` over the inputs of one neuron, and `encourage` over the weights of some maps.
 
-The two passes are compiled for each rule, built-in or third-party. Python calls them between trials.
+Both passes are compiled for each rule, built-in or third-party. Python calls them between trials.
 """
 
 # mypy: ignore-errors
@@ -40,29 +40,29 @@ nearest = compiled(steps_of)
 
 @subkernel
 def time_since_arrival(spike, delay, moment, h):
-    """Return the time in ms from the arrival of an input's spike to the moment of a lesson."""
-    # A silent input counts as infinitely late, so rules need no special case.
+    """Return the time in ms from the arrival of an input's spike to the lesson in step `moment`."""
+    # The spike of a silent input counts as infinitely late, so rules need no special case.
     return -math.inf if spike == NEVER else (moment - spike - delay) * h
 
 
 @subkernel
 def source_place(row, channel, y, x):
-    """Return the internal place of a neuron in the source of a grid."""
+    """Return the internal place of the neuron at (channel, y, x) in the source of a grid."""
     pixel = y * row[t.CHANNEL_WIDTH] + x
     inside = row[t.CHANNELS_INSIDE]
     sheet = row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
-    # Grids have the maps innermost in this backend. Inputs keep the order of ids.
+    # A source that is itself the target of a grid has its maps innermost. Other sources keep the order of ids.
     return pixel * inside + channel if inside > 0 else channel * sheet + pixel
 
 
 @cache
 def teacher(teach):
-    """Compile the pass over the inputs of one neuron for the `teach` of a rule."""
+    """Compile the pass that applies the function `teach` of a rule to all inputs of a neuron."""
     rule = compiled(teach)
 
     @inlined
     def teach_input(value, spikes, source, delay, moment, lesson, c, h):
-        """Return an input's value after the lesson of each of its spikes. A silent input gets one lesson."""
+        """Return the value of an input after a lesson for each of its spikes. A silent input gets one lesson."""
         value = rule(value, time_since_arrival(spikes[0, source], delay, moment, h), lesson, c)
         for k in range(1, spikes.shape[0]):
             if spikes[k, source] != NEVER:
@@ -71,7 +71,7 @@ def teacher(teach):
 
     @kernel
     def learn(view, q, values, c, spikes, moment, neuron, local, lesson, h):
-        """Change the value of each input of a neuron, e.g. its weight; return the number of inputs.
+        """Change the value of each input of a neuron, e.g. its weight. Return the number of inputs.
 
         `values` are in the order of the projection's weights. `spikes` has the steps of each input's spikes: row 0 the
         first spikes, row 1 the second spikes, ... `moment` is the step of the lesson, `neuron` the id of the neuron,
@@ -92,12 +92,12 @@ def teacher(teach):
             for channel in range(row[t.DEPTH]):
                 for i in range(row[t.KERNEL_HEIGHT]):
                     for j in range(row[t.KERNEL_WIDTH]):
-                        # Padding has no neurons, so its weights are not taught.
+                        # The padding of a grid has no neurons, so its weights are not taught.
                         if not (0 <= r + i < height and 0 <= s + j < width):
                             continue
                         source = source_place(row, first_channel + channel, r + i, s + j)
                         place = (channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j
-                        # All places of a map share the kernel, so one neuron's lesson changes the weights of all.
+                        # All places of a map share the kernel, so the lesson of one neuron changes all of them.
                         e = place * maps + at
                         values[e] = teach_input(values[e], spikes, source, delay, moment, lesson, c, h)
                         changed += 1
@@ -111,8 +111,8 @@ def teacher(teach):
                     values[e] = teach_input(values[e], spikes, source, delay, moment, lesson, c, h)
                     changed += 1
                 continue
-            # Rows are sorted by source, so all of them are searched. A list by target would take 8 bytes per synapse,
-            # for one use per trial.
+            # The rows belong to sources, so all rows are searched for the neuron. A list by target would need no search,
+            # but would take 8 bytes per synapse for one use per trial.
             begin = row[t.ROW] + source * threads
             for s in range(net.rows[begin], net.rows[begin + threads]):
                 if net.targets[s] == local:
@@ -126,17 +126,17 @@ def teacher(teach):
 
 
 def add_to_sum(w, since, lesson, c):
-    """Add a weight to the sum in `c`, and return it unchanged."""
-    # Used as `teach`, so that `learn` computes the sum of the weights of a neuron for any layout.
+    """Add a weight to the sum in `c`, and return the weight unchanged."""
+    # With this function as `teach`, `learn` computes the sum of the weights of a neuron for any layout.
     c[0] += w
     return w
 
 
 @cache
 def grower(encourage):
-    """Compile the pass over every weight of the chosen maps for the `encourage` of a rule.
+    """Compile the pass that applies the function `encourage` of a rule to every weight of the chosen maps.
 
-    The pass returns the number of weights.
+    The pass returns the number of these weights.
     """
     rule = compiled(encourage)
 
@@ -156,7 +156,7 @@ def grower(encourage):
 def round_inputs(view, q, delays, local, fewest, most, h):
     """Round the delays in ms of the inputs of a neuron to steps.
 
-    The delay in ms keeps its fraction. If it were rounded too, small lessons would have no effect.
+    The delays in ms are not changed. If they were rounded too, small lessons would have no effect.
     """
     net = net_of(view)
     row = net.projections[q]
