@@ -9,7 +9,7 @@ __all__ = ["main"]
 
 
 def main() -> None:
-    """Run the command line and exit with its status: 0 success, 1 a failed check, 2 a user's error, 130 Ctrl-C."""
+    """Run the command line and exit with its status: 0 success, 1 failed check, 2 user's error, 130 Ctrl-C."""
     try:
         from neuro.cli.commands import app
         from neuro.cli.mistakes import telling

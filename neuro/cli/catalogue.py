@@ -31,7 +31,7 @@ KINDS = {
     "decoders": "Decoders of a world",
     "teachers": "Teachers of a world",
 }
-"""Titles of the catalogue's sections by the word that `neuro models` accepts."""
+"""Titles of the sections of the catalogue, by the name of the kind in `neuro models KIND`."""
 
 Name = Annotated[
     str, typer.Argument(metavar="[NAME]", help="Model to describe, or kind to list: neurons, synapses, rules, ...")
@@ -74,7 +74,7 @@ def models(name: Name = "", long: Long = False) -> None:
 
 
 def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
-    """Return all models for network files: the classes by name, by the title of their section."""
+    """Return all models for network files: for each title of a section, the classes of its models by name."""
     from neuro.coding.codes import CHOICES
     from neuro.coding.world import DECODERS, ENCODERS, TEACHERS
     from neuro.model.distributions import DISTRIBUTIONS
@@ -135,7 +135,7 @@ def describe(choice: type[Choice], out: Any) -> None:
 
 
 def body(choice: type[Choice]) -> str:
-    """Return the description without the source, as one line per paragraph."""
+    """Return the description of a model without its source, as one line per paragraph."""
     text = inspect.cleandoc(choice.__doc__ or "")
     if getattr(choice, "source", ""):
         text = text.partition("Source:")[0]
@@ -143,7 +143,7 @@ def body(choice: type[Choice]) -> str:
 
 
 def sentence(choice: type[Choice]) -> str:
-    """Return the first sentence of the description."""
+    """Return the first sentence of the description of a model."""
     return re.split(r"(?<=[^.]\.) |\n", body(choice), maxsplit=1)[0].rstrip(".").replace("``", "`")
 
 
@@ -154,7 +154,7 @@ def attribute_line(choice: type[Choice], name: str) -> str:
 
 
 def bounds(q: Quantity) -> str:
-    """Return the accepted values, e.g. "a number > 0, also .inf"."""
+    """Return the accepted values of a parameter as text, e.g. "a number > 0, also .inf"."""
     text = q.expected().removesuffix(f" {q.unit}" if q.unit else "")
     return text + (", also .inf" if q.infinite else "")
 

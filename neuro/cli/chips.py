@@ -66,7 +66,7 @@ def refusal(problem: Problem, begin: str = "{place}{kind}: ") -> str:
 
 
 def summary(program: Program) -> str:
-    """Return the numbers of neurons, populations, synapses and projections, and the resolution, as text."""
+    """Return a line with the numbers of neurons, populations, synapses and projections, and the resolution."""
     from neuro.core.errors import some
 
     neurons = sum(population.size for population in program.populations)
@@ -304,7 +304,7 @@ def energy(
 
 
 def priceable(name: str) -> Chip:
-    """Return the chip or processor with a given name, or the one that a table file describes.
+    """Return the chip or processor with a given name, or the chip or processor that a table file describes.
 
     Raises:
         ModelError: the chip is unknown, or has no energy figures.
@@ -321,7 +321,7 @@ def priceable(name: str) -> Chip:
 
 
 def placement_on(program: Program, chip: Chip) -> Placement | None:
-    """Place a network on the cores of a chip; None for a processor without cores.
+    """Place a network on the cores of a chip. Return None for a processor without cores.
 
     Raises:
         ModelError: the network does not fit.
@@ -339,7 +339,7 @@ def placement_on(program: Program, chip: Chip) -> Placement | None:
 def plain(
     sim: Simulation, counts: EngineCounts, bills: list[Energy], placement: Placement | None, per: tuple[int, str]
 ) -> dict[str, Any]:
-    """Return data for JSON: all bills, and NeuroBench's metrics, whose energy is that of the first bill."""
+    """Return data for JSON: all bills, and NeuroBench's metrics with the energy of the first bill."""
     from neuro.chips.neurobench_report import neurobench
 
     samples, steps = per[0], counts.steps // per[0]
@@ -349,7 +349,7 @@ def plain(
 
 
 def print_bills(bills: list[Energy], sources: bool) -> None:
-    """Print the bills, and a table that compares them if there are several."""
+    """Print the bills. If there are several, also print a table that compares them."""
     from neuro.chips.energy import COLUMNS, FASTEST
     from neuro.core.tables import console, echo, table
 

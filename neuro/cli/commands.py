@@ -1,4 +1,4 @@
-"""The command `neuro`, with the commands of apps (entry points of `neuro.commands`), in groups in the help."""
+"""The command `neuro` with all its commands, and with the commands of apps (entry points of `neuro.commands`)."""
 
 from __future__ import annotations
 
@@ -35,30 +35,32 @@ PANELS = {
     "Event cameras": ("events",),
     "Many runs": ("sweep", "tune"),
 }
-"""Commands of each group of the help, in the order of the help."""
+"""Names of the commands in each group of the help, in the order of the help."""
+
 OTHERS = "Commands of other packages"
-"""Group of the commands missing in `PANELS`."""
+"""Group of the commands that are not in `PANELS`."""
+
 ORDER = [name for names in PANELS.values() for name in names]
 
 
 class Commands(TyperGroup):
     """The group of all commands.
 
-    Listing commands does not import the apps, so a slow or broken app affects only its own command.
+    The apps are not imported to list the commands, so a slow or broken app only affects its own command.
     """
 
     @cached_property
     def apps(self) -> dict[str, EntryPoint]:
-        """Entry points of the apps' commands by name. A look-up reads all installed packages, so there is one."""
+        """Entry points of the apps' commands by name. A look-up reads all installed packages, so it is made once."""
         return apps()
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of all commands: first in the order of `PANELS`, then other commands by name."""
+        """Return the names of all commands: the commands of `PANELS` in their order, then other commands by name."""
         names = {*super().list_commands(ctx), *self.apps}
         return [name for name in ORDER if name in names] + sorted(names - {*ORDER})
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command with its entry in the help, or None if no command has the name."""
+        """Return the command of a name with its group in the help, or None if no command has the name."""
         entry = self.apps.get(cmd_name)
         command = super().get_command(ctx, cmd_name)
         item = with_extensions(command) if command else placeholder(entry) if entry else None
@@ -67,14 +69,14 @@ class Commands(TyperGroup):
         return item
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
-        """Import the command named by the first argument; return its name, the command and the other arguments.
+        """Import the command that the first argument names. Return its name, the command and the other arguments.
 
         Raises:
             ModelError: the command is unknown, or its app cannot be imported.
         """
         name, command = args[0], super().get_command(ctx, args[0])
         if command is not None:
-            return name, with_extensions(command), args[1:]  # without a search for apps
+            return name, with_extensions(command), args[1:]  # no search for apps is needed
         if name not in self.apps:
             for entry in entry_points(group=GROUP):
                 if entry.name == name and (package := taken_away(entry)):
@@ -123,7 +125,7 @@ def as_app(command: Any) -> typer.Typer:
 
 
 def placeholder(entry: EntryPoint) -> TyperCommand:
-    """Return a command for the list of commands only, with the line of `summary` as help."""
+    """Return a command that only appears in the list of commands, with the line of `summary` as its help."""
     return TyperCommand(entry.name, help=summary(entry.module, entry.attr))
 
 
@@ -168,7 +170,7 @@ def with_extensions(command: Any) -> Any:
 
 
 def without_type(parameter: Any) -> Any:
-    """Return the parameter; for a flag, the help then shows no `<bool>`."""
+    """Return the parameter. If it is a flag, its type `<bool>` is removed from the help."""
     if getattr(parameter, "is_flag", False):
         parameter.metavar = ""
     return parameter
@@ -176,7 +178,7 @@ def without_type(parameter: Any) -> Any:
 
 @cache
 def _option() -> Any:
-    """Return the eager option `--with`. Its files run first, because other options may name their parts."""
+    """Return the eager option `--with`. Its files run first, because other options may name parts from these files."""
     app = typer.Typer(add_completion=False)
     app.command()(_with_option)
     return next(p for p in typer.main.get_command(app).params if "--with" in p.opts)
@@ -190,7 +192,7 @@ def _run_extensions(context: typer.Context, files: list[Path]) -> list[Path]:
         if speaks() and str(file.resolve()) not in extensions():
             typer.echo(f"neuro: running {file} (--with)", err=True)
         with warnings.catch_warnings():
-            if context.info_name == "rerun":  # its file may define only a function that the record calls
+            if context.info_name == "rerun":  # the file may define only a function that the record calls
                 warnings.filterwarnings("ignore", message=".*registers nothing")
             run_extension(file)
     return files
@@ -209,7 +211,7 @@ def _with_option(
         ),
     ] = [],  # noqa: B006
 ) -> None:
-    """Declare `--with`."""
+    """Declare the option `--with` for `_option`."""
 
 
 COMMANDS = (

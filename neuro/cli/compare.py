@@ -1,4 +1,4 @@
-"""Comparison of backends with each other and with golden traces: `neuro compare` and `neuro verify`."""
+"""Commands that compare backends with each other, and with golden traces: `neuro compare` and `neuro verify`."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _check_alone(options: dict[str, object]) -> None:
 
 
 def _compare_rules(net: Network, duration: float, seed: int, as_json: bool) -> None:
-    """Print the differences between the integers of Loihi 1 and Loihi 2."""
+    """Print the differences between the integers of a network on Loihi 1 and on Loihi 2."""
     from neuro.compare import loihi_rules
 
     differences = loihi_rules(net, duration, seed)
@@ -85,7 +85,7 @@ def _compare_rules(net: Network, duration: float, seed: int, as_json: bool) -> N
 
 
 def write(comparison: Comparison, page_part: Path | None, json_part: Path | None) -> None:
-    """Write the HTML page and the JSON file. A path of None leaves one out."""
+    """Write the HTML page and the JSON file. A file whose path is None is not written."""
     from neuro.compare.report import PAGE, page
     from neuro.compare.result import JSON
 
@@ -147,7 +147,7 @@ def verify(folder: Folder, backend: Chosen = None, as_json: VerifyJson = False) 
 
 
 def figures_of(result: Result) -> dict[str, Any]:
-    """Return a result for JSON, with null for an infinite error, because JSON has no infinity."""
+    """Return a result as data for JSON, with null for an infinite error, because JSON has no infinity."""
     return asdict(result) | ({} if math.isfinite(result.error) else {"error": None})
 
 

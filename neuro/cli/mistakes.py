@@ -1,4 +1,4 @@
-"""Errors and warnings on the command line: a user's error is one message on stderr and exit status 2."""
+"""Errors and warnings on the command line. A user's error prints one message on stderr and exits with status 2."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ _EXPECTED = {
     "greater_than_equal": "a number >= {ge}",
     "less_than_equal": "a number <= {le}",
 }
-"""Accepted values of an option, by typer's type of the error."""
+"""Accepted values of an option, by the type of the error in typer."""
+
 _ITEM = "\n    - "
 _LIST = re.compile(rf"({_ITEM}[^\n]*)+")
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer has no public name for it
@@ -70,7 +71,7 @@ def listed_approximations() -> Iterator[None]:
 
 @contextmanager
 def counted_approximations(backend: str, command: str) -> Iterator[None]:
-    """Print one line with the number of a backend's approximations; other warnings are printed as usual.
+    """Print one line with the number of approximations of a backend. Other warnings are printed as usual.
 
     Args:
         backend: the name of the backend, for the printed line.
@@ -102,13 +103,13 @@ def counted_approximations(backend: str, command: str) -> Iterator[None]:
 
 
 def _give_up_output() -> None:
-    """Send further standard output to the null device. Otherwise Python would flush it again at exit."""
+    """Send further standard output to the null device, because Python would flush it again at exit."""
     if sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _output_error(error: Exception) -> str | None:
-    """Return the message for a failed write to standard output, e.g. on a full disk; None for other errors."""
+    """Return the message for a failed write to standard output, e.g. on a full disk, or None for other errors."""
     if not isinstance(error, OSError) or error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
         return None
     _give_up_output()
@@ -116,12 +117,12 @@ def _output_error(error: Exception) -> str | None:
 
 
 def _tell(message: Warning | str, category: type[Warning], filename: str, *more: object, **options: object) -> None:
-    """Print a warning without its line of code. A list in the warning is replaced by its length."""
+    """Print a warning without its line of code. A list in the warning is replaced by the number of its items."""
     _print_warning(_LIST.sub(_number_of_items, str(message)))
 
 
 def _number_of_items(items: re.Match[str]) -> str:
-    """Return text with the number of items in a list of differences and the command that prints the list."""
+    """Return the number of items in a list of differences, and the command that prints the list, as text."""
     return f" {items[0].count(_ITEM)}, listed by neuro fit"
 
 
@@ -133,7 +134,7 @@ def _print_warning(text: str) -> None:
 
 
 def mistake(error: Exception) -> str | None:
-    """Return the message for a user's error; None if the exception is a bug in neuro."""
+    """Return the message for a user's error, or None if the exception is a bug in neuro."""
     from neuro.core.errors import ModelError
 
     if isinstance(error, ModelError):
@@ -166,14 +167,14 @@ def _unknown_option(name: str, context: Any) -> str:
 
 
 def _expected(error: Exception) -> str:
-    """Return text with the refused value and the accepted values; "" for other errors."""
+    """Return text with the refused value and the accepted values, or "" for other errors."""
     first: Any = getattr(error.__cause__, "errors", lambda: [{"type": ""}])()[0]
     expected = _EXPECTED.get(first["type"])
     return f"'{first['input']}': expected {expected.format(**first.get('ctx', {}))}" if expected else ""
 
 
 def usage(error: Exception) -> str:
-    """Return the message for a wrong option or argument, with a hint; "" if the help of a group was printed instead."""
+    """Return the message for a wrong option or argument, with a hint, or "" if the help of a group was printed."""
     text = getattr(error, "format_message")().rstrip(".")  # noqa: B009
     if not text:
         return ""

@@ -1,4 +1,4 @@
-"""Options of several commands, and the parsers of their values."""
+"""Options that several commands have, and the parsers of their values."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from neuro.core.progress import Bar
 
 @contextmanager
 def stoppable(outcome: str | Callable[[], str]) -> Iterator[Bar]:
-    """Show a progress bar during the block; Ctrl-C removes the bar, prints the outcome and exits with status 130.
+    """Show a progress bar during the block. Ctrl-C removes the bar, prints the outcome and exits with status 130.
 
     Args:
-        outcome: text about the files after an interrupt, such as "out.h5 is not written", or a function for the text.
-            Notes of the exception are printed instead.
+        outcome: text about the files after an interrupt, such as "out.h5 is not written", or a function that returns
+            the text. If the exception has notes, they are printed instead.
     """
     with Bar() as bar:
         try:
@@ -36,7 +36,7 @@ def stoppable(outcome: str | Callable[[], str]) -> Iterator[Bar]:
 
 
 def refuse_unused(context: typer.Context, needs: str, *names: str) -> None:
-    """Raise an error for named options on the command line that have no effect without `needs`.
+    """Raise an error if one of the named options, which have no effect without `needs`, is on the command line.
 
     Example: ``refuse_unused(context, "a network with a world", "steps")`` refuses `--steps` for other networks.
     """
@@ -49,7 +49,7 @@ def refuse_unused(context: typer.Context, needs: str, *names: str) -> None:
 
 
 def group(name: str, about: str) -> typer.Typer:
-    """Return a command with subcommands; without a subcommand, the command prints its help."""
+    """Return a command with subcommands. Without a subcommand, the command prints its help."""
     app = typer.Typer(name=name, add_completion=False, pretty_exceptions_enable=False)
 
     @app.callback(invoke_without_command=True, help=about)
@@ -61,11 +61,11 @@ def group(name: str, about: str) -> typer.Typer:
 
 
 def with_settings(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Replace arguments of a command that are dataclasses of settings by one option for each field.
+    """Replace each argument of a command that is a dataclass of settings by an option for each field.
 
-    ``def train(file: Path, plan: TrainingPlan)`` gets an option for each field of `TrainingPlan` that `setting` made
-    with ``option=``. The option has the placeholder, the description and the default of the field. Fields of other
-    dataclasses are made by `option`. The command receives all arguments by name.
+    ``def train(file: Path, plan: TrainingPlan)`` gets an option for each field of `TrainingPlan` that was made by
+    `setting` with ``option=``, or by `option`. The option has the placeholder, the description and the default of the
+    field. The command receives all arguments by name.
     """
     settings: dict[str, type[Any]] = {}
     parameters: list[inspect.Parameter] = []
@@ -97,10 +97,10 @@ def option(
     panel: str | None = None,
     **metadata: Any,
 ) -> Any:
-    """Return a field of a dataclass, for `with_settings` to make an option of it.
+    """Return a field of a dataclass that `with_settings` replaces by an option.
 
     Args:
-        words: name and placeholder of the option, such as "--for MS"; a flag has only a name.
+        words: name and placeholder of the option, such as "--for MS". A flag only has a name.
         doc: help of the option.
         default: value without the option.
         parser: function that converts the text of the value.
@@ -113,7 +113,7 @@ def option(
 
 
 def _options_of(kind: type[Any]) -> list[inspect.Parameter]:
-    """Return a command's parameters for those fields of the settings with an option."""
+    """Return the parameters of a command for those fields of the settings that have an option."""
     types, parameters = get_type_hints(kind), []
     for entry in fields(kind):
         value_type: Any = list[str] if isinstance(entry.default, tuple) else types[entry.name]
@@ -130,7 +130,7 @@ def _options_of(kind: type[Any]) -> list[inspect.Parameter]:
 
 
 def milliseconds(text: str) -> float:
-    """Parse a time > 0, such as "20" (ms) or "0.5 s"; return ms."""
+    """Parse a time > 0, such as "20" (ms) or "0.5 s", and return it in ms."""
     from neuro.core.errors import ModelError
     from neuro.core.units import converted, is_measure
 
@@ -148,7 +148,7 @@ def milliseconds(text: str) -> float:
 
 
 def moment(text: str) -> float:
-    """Parse a point in time, such as "20" (ms) or "0.5 s"; return ms."""
+    """Parse a point in time, such as "20" (ms) or "0.5 s", and return it in ms."""
     from neuro.core.errors import ModelError
     from neuro.core.quantities import in_ms
 
@@ -161,7 +161,7 @@ def moment(text: str) -> float:
 
 
 def whole(text: str, lowest: int) -> int:
-    """Parse a whole number >= least."""
+    """Parse a whole number >= `lowest`."""
     try:
         number = int(text)
     except ValueError:
@@ -190,7 +190,7 @@ def name_list(text: str) -> list[str]:
 
 
 def at_least(lowest: int) -> Callable[[str], int]:
-    """Return a parser of whole numbers >= least."""
+    """Return a parser of whole numbers >= `lowest`."""
     return lambda text: whole(text, lowest)
 
 
@@ -200,7 +200,7 @@ def seeds(text: str) -> tuple[int, ...]:
 
 
 def assignments(texts: list[str]) -> dict[str, Any]:
-    """Parse texts `name=value` into parameters; values are read as in a network file.
+    """Parse texts `name=value` into parameters. Values are read as in a network file.
 
     Example: ``["w=1e-3", "delay=2 ms"]`` gives ``{"w": 0.001, "delay": "2 ms"}``.
     """
@@ -219,7 +219,7 @@ def assignments(texts: list[str]) -> dict[str, Any]:
 
 
 def number(value: Any) -> Any:
-    """Convert a text such as "1e-3", which YAML 1.1 does not read as a number; return other values unchanged."""
+    """Convert a text such as "1e-3", which YAML 1.1 does not read as a number. Return other values unchanged."""
     try:
         return float(value) if isinstance(value, str) and value[-1:].isdigit() else value
     except ValueError:
@@ -227,10 +227,10 @@ def number(value: Any) -> Any:
 
 
 def network(path: Path) -> Path:
-    """Return the path of a network file, or of a published network; an existing file of the name has precedence.
+    """Return the path of a network file or of a published network. An existing file of the name has precedence.
 
     Raises:
-        ModelError: there is no such file. The error comes before the imports that reading a network needs.
+        ModelError: there is no such file. The error is raised before the slow imports for reading a network.
     """
     from neuro.core.hints import near
     from neuro.model.language.published import missing, published, refuse_name
@@ -247,9 +247,10 @@ def network(path: Path) -> Path:
 
 
 def input_file(expected: str = "", or_folder: bool = False) -> Callable[[Path | None], Path | None]:
-    """Return the callback of an argument that names a file to read; None, an omitted argument, stays None.
+    """Return the callback of an argument that names a file to read.
 
-    The callback refuses a missing file with the error of reading it, but before the imports that reading needs.
+    The callback refuses a missing file before the slow imports for reading it. The value None of an omitted argument
+    is returned unchanged.
 
     Args:
         expected: noun for the message, as in `existing`.

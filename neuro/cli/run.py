@@ -113,7 +113,7 @@ def run(
     net = load(file, params=assignments(set))
     keep_spikes(net, record)
 
-    from neuro.core.clock import Clock  # after the network's mistakes, as the compiler takes long to import
+    from neuro.core.clock import Clock  # these slow imports come after the network was checked
     from neuro.core.outputs import check_output
     from neuro.core.progress import advance
     from neuro.core.system import shared, speaks
@@ -174,7 +174,7 @@ def run(
 
 
 def approximations(file: Path | str, backend: str, verbose: bool) -> AbstractContextManager[None]:
-    """Return a context for compilation that prints the backend's approximations, or only their number."""
+    """Return a context for compilation that prints the approximations of a backend, or only their number."""
     from neuro.chips.known import CHIPS, is_table
 
     if verbose:
@@ -189,11 +189,11 @@ def _run_then_write(
 ) -> tuple[Results, float]:
     """Run the network, then write all results at once.
 
-    Use this for a pipe, which cannot be written piece by piece, and for several processes, of which only one writes.
+    A pipe needs this, because it cannot be written piece by piece. Several processes need it, because only one writes.
 
     Returns:
-        the results, without weights in the processes that do not write, and the time of the first steps from
-        `advance`, in s.
+        the results, and the duration of the first steps from `advance` in s. The results have no weights in processes
+        that do not write.
     """
     from neuro.core.outputs import output
     from neuro.core.progress import advance
@@ -240,7 +240,7 @@ def share_among_processes(backend: str) -> None:
 
 
 def print_energy(sim: Simulation, unit: str = "", parts: int = 1) -> None:
-    """Print one line with the energy and time of the run on the emulated chip; nothing for other backends.
+    """Print one line with the energy and time of the run on the emulated chip, or nothing for other backends.
 
     Args:
         sim: the simulation, after its run.
@@ -266,7 +266,7 @@ def silent_inputs(sim: Simulation) -> list[str]:
 
 
 def warn_of_silence(inputs: list[str]) -> None:
-    """Warn about silent inputs: counts and energy are then those of a network without input."""
+    """Warn about silent inputs, because counts and energy are then those of a network without input."""
     if inputs:
         message = f"no input emitted a spike ({', '.join(inputs)}): all figures are those of a network without input"
         hint = "set spikes or rates of the generators, or inject spikes from a program"
@@ -323,7 +323,7 @@ def rates(results: Results) -> Iterator[tuple[str, ...]]:
 
 
 def weights(results: Results) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each learnt projection: number, mean, standard deviation and range of its weights."""
+    """Yield a row for each learnt projection: name, synapse, and number, mean, deviation and range of its weights."""
     for name, part in results.projections.items():
         if part.weight is not None and part.weight.size and part.counts["learning_updates"]:
             weight = part.weight
@@ -362,7 +362,7 @@ class PictureFormat(StrEnum):
 
 
 def _results(path: Path) -> Path:
-    """Return the path of results, and refuse a missing file before the imports that reading needs."""
+    """Return the path of results. A missing file is refused before the slow imports for reading it."""
     from neuro.core.inputs import existing
     from neuro.core.outputs import kept_parts
 
@@ -435,7 +435,7 @@ def plot(
 
 
 def write_pictures(pictures: Iterable[tuple[str, Figure]], folder: Path, format: PictureFormat) -> None:
-    """Write named pictures into a folder and print the path of each; the folder is created if necessary."""
+    """Write named pictures into a folder, which is created if necessary, and print the path of each."""
     from neuro.core.outputs import make_folder
     from neuro.core.pictures import write_picture
 
@@ -447,7 +447,7 @@ def write_pictures(pictures: Iterable[tuple[str, Figure]], folder: Path, format:
 
 
 def _overlaps(trace: Trace, views: Sequence[View]) -> bool:
-    """Return whether a trace has a neuron in a view of its population, or its population has no view."""
+    """Return True if a trace has a neuron in a view of its population, or if there is no view of its population."""
     own_views = [view for view in views if view.population.name == trace.population]
     if not own_views or trace.single or trace.ids is None:
         return True

@@ -32,7 +32,7 @@ def by_name(folder: Traversable) -> dict[str, Traversable]:
 
 
 def about(file: Traversable) -> str:
-    """Return the first sentence of a network's leading comment or of a script's docstring."""
+    """Return the first sentence of the comment at the top of a network, or of the docstring of a script."""
     line = file.read_text("utf-8").partition("\n")[0]
     return line.removeprefix("# ").removeprefix('"""').partition(". ")[0].removesuffix(".")
 
@@ -41,7 +41,7 @@ RECORDINGS = {
     "shapes.zip": "36 short event-camera recordings of a cross, a ring and a square, in class folders",
     "walk.dat": "event-camera recording of a walking figure: 1 s, 64 x 48 px",
 }
-"""Descriptions of the binary examples. A network's description is its first line."""
+"""Descriptions of the binary examples. Other examples have a description in their first line."""
 
 Names = Annotated[list[str], typer.Argument(metavar="NAME...", help="Names of example files; see --list.")]
 ListExamples = Annotated[bool, typer.Option("--list", help="List all example files.")]
@@ -74,7 +74,7 @@ def example(names: Names = [], list_all: ListExamples = False) -> None:  # noqa:
 
 
 def check_free(path: Path, content: bytes) -> None:
-    """Raise an error if writing the content would replace another file.
+    """Raise an error if the content would replace another file.
 
     Raises:
         ModelError: the path exists with different content.
@@ -109,10 +109,11 @@ next:
   neuro agent watch agent.h5 world:Room --out episode.html
 """,
 }
-"""Next commands for a template, by the name of its describing file, see `_head`."""
+"""Commands that a user may run next in the new folder, by the name of the template's main file, see `_head`."""
 _FIRST = "balanced-network"
 _RECORDINGS = {"classifier": "shapes.zip", "event-camera": "walk.dat"}
-"""Examples to copy into the folder, by template."""
+"""Examples that are copied into the new folder, by template."""
+
 _NAME = re.compile(r"[A-Za-z][\w.-]*", re.ASCII)
 
 Folder = Annotated[Path | None, typer.Argument(metavar="NAME", help="Folder to create.")]
@@ -162,7 +163,7 @@ def new(name: Folder = None, template: Template = None, list_all: ListTemplates 
 
 
 def _head(template: Traversable) -> str:
-    """Return the name of the template's describing file, with the description in its first line."""
+    """Return the name of the template's main file, whose first line describes the template."""
     return next(name for name in NEXT if (template / name).is_file())
 
 
@@ -184,7 +185,7 @@ def check_name(path: Path) -> None:
 
 @contextmanager
 def filled(folder: Path) -> Iterator[Path]:
-    """Provide a temporary folder. If the block succeeds, it gets the name `folder`; otherwise it is deleted.
+    """Provide a temporary folder. After a block without an error it is renamed to `folder`, otherwise it is deleted.
 
     Raises:
         Unwritable: the path exists and is not an empty folder, or cannot be written.

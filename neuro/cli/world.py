@@ -33,12 +33,12 @@ def run_world(
         net: the network.
         out: file of the results.
         ends: limits of the run, `steps`, `episodes` and `until` of `ClosedLoop.run`.
-        frozen: whether to run without learning.
-        resume: whether to continue an unfinished run.
+        frozen: True to run without learning.
+        resume: True to continue an unfinished run.
         record: names of the populations whose spikes are written; all if empty.
-        all_weights: whether to write all weights, as in `collect`.
+        all_weights: True to write all weights, as in `collect`.
         save_frozen: file of the network with its learnt weights as static synapses; None for no file.
-        compiling: function that returns the context of the compilation, see `neuro.cli.run.approximations`.
+        compiling: function that returns a context for the compilation, see `neuro.cli.run.approximations`.
         settings: further arguments of `closed_loop`.
 
     Raises:

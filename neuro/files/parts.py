@@ -134,8 +134,8 @@ class Train:
         counts: counts of the run by name.
         recorded: True if spikes were recorded; otherwise ``steps``, ``ids`` and ``multiplicity`` are empty.
         resolution_ms: length of a step in ms.
-        steps, ids, multiplicity: step, neuron and number of spikes of each entry, (entries,). There is an entry for each
-            neuron and step with spikes.
+        steps, ids, multiplicity: step, neuron and number of spikes of each entry, (entries,). There is an entry for
+            each neuron and step with spikes.
         spike_counts, event_counts: number of spikes, and number of steps with spikes, of each neuron, (neurons,). They
             are also there without a recording.
         emits: "spikes" or "current".
@@ -317,7 +317,7 @@ class Trace:
         return 1 if self.values.ndim == 1 else int(self.values.shape[1])
 
     def read(self) -> Any:
-        """Return the values in the form of `sim.trace`: an array, or at pre spikes arrays of the ends and values by name."""
+        """Return the values in the form of `sim.trace`: an array, or at pre spikes the ends and values by name."""
         if self.at_pre_spikes:
             return {"pre": self.pre, "post": self.post, self.state: self.values}
         return self.values

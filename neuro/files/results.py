@@ -155,7 +155,7 @@ class Results:
 
     @property
     def held(self) -> float:
-        """Time in ms up to which the recording was forgotten, as in a simulation. It is always 0."""
+        """Time in ms after which spikes and traces can be read, as in a simulation. It is always 0."""
         return 0.0
 
     @property

@@ -79,7 +79,9 @@ def declared(text: str) -> list[Declared]:
 
 
 def table_of(*parts: tuple[Sequence[Field], Mapping[str, NDArray[Any]]]) -> NDArray[np.int64]:
-    """Return a table of arrays with a row for each field, in order: address and shape. The caller keeps the arrays alive.
+    """Return a table of arrays with a row for each field, in order: address and shape.
+
+    The caller must keep the arrays alive.
 
     Args:
         parts: fields, and the arrays by the names of the fields.
@@ -108,9 +110,7 @@ class Views(types.Type):
     """
 
     def __init__(self, name, first, fields):
-        digest = hashlib.sha256(repr((first, fields)).encode()).hexdigest()[
-            :12
-        ]  # tables with other fields have another type
+        digest = hashlib.sha256(repr((first, fields)).encode()).hexdigest()[:12]  # other fields give another type
         super().__init__(f"{name} {digest}")
         self.rows = {field: first + k for k, (field, _, _) in enumerate(fields)}
         self.arrays = {field: types.Array(getattr(types, _TYPES[kind]), ndim, "C") for field, kind, ndim in fields}

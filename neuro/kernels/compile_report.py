@@ -23,7 +23,7 @@ _seconds = 0.0
 
 
 def begin(cached: bool = True) -> tuple[float, float]:
-    """Report once that kernels are compiled, and return the start of a measurement: now, and the seconds counted before.
+    """Report once that kernels are compiled. Return the start of a measurement: now, and the seconds counted before.
 
     `cached` is False if there is no folder for machine code.
     """

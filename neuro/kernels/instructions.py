@@ -19,7 +19,7 @@ _WORD, _BYTE = ir.IntType(64), ir.IntType(8)
 
 
 def _at(context, builder, kind, array, first, lanes):
-    """Generate code for the address of `lanes` neighbouring items of a flat array. Return the address and their type."""
+    """Generate code for the address of `lanes` neighbouring items of a flat array. Return address and type."""
     items = ir.VectorType(context.get_data_type(kind.dtype), lanes)
     view = context.make_array(kind)(context, builder, array)
     return builder.bitcast(builder.gep(view.data, [first]), items.as_pointer()), items
@@ -148,7 +148,7 @@ def address(typingctx, array):
 
 @intrinsic
 def moved(typingctx, array, first):
-    """Return a view of a flat array with shifted indices. Its index `first` is the first item; lower ones are invalid."""
+    """Return a view of a flat array whose index `first` is the first item of the array. Lower indices are invalid."""
 
     def codegen(context, builder, signature, arguments):
         kind, start = signature.args[0], context.cast(builder, arguments[1], signature.args[1], types.intp)

@@ -75,7 +75,7 @@ def inlined(function: Callable[..., Any]) -> Any:
 
 @cache
 def compiled(function: FunctionType, decorator: Callable[[Callable[..., Any]], Any] = subkernel) -> Any:
-    """Compile a plain Python function of a model. Plain functions that it calls or passes on are compiled and inlined."""
+    """Compile a plain Python function of a model. Plain functions that it calls or passes on are inlined."""
     scope = dict(function.__globals__)
     for name in function.__code__.co_names:
         callee = scope.get(name)

@@ -70,7 +70,7 @@ class KernelCache:
         place = self._file(signature, target)
         content = None if place is None else _read(place)
         if content is not None:
-            # A complete file may still come from other libraries and raise any error. Then the kernel is compiled again.
+            # A complete file may still come from other libraries and raise any error. Then the kernel compiles again.
             with suppress(Exception):
                 parts = pickle.loads(content)
                 if self._kernel.targetoptions.get("_nrt", True):

@@ -52,8 +52,8 @@ def act_at_emission(view, thread, upto, arrivals_upto, h):
     clock[t.DONE] = max(clock[t.DONE], upto)
     clock[t.DONE_ARRIVALS] = max(clock[t.DONE_ARRIVALS], upto)
     # At the end of a run, dopamine spikes, post spikes and the spikes of devices act up to one step later than the
-    # spikes of neurons. The pre spikes of the last step must not act yet: a read must not show their effect, and neurons send
-    # them with the weights that are set after the run.
+    # spikes of neurons. The pre spikes of the last step must not act yet: a read must not show their effect, and
+    # neurons send them with the weights that are set after the run.
     for step in range(clock[t.DONE_ARRIVALS] + 1, arrivals_upto + 1):
         act(view, step, clock[t.DONE_ARRIVALS], thread, h, 1)
     clock[t.DONE_ARRIVALS] = max(clock[t.DONE_ARRIVALS], arrivals_upto)
@@ -82,7 +82,8 @@ def step_population(view, thread, pop, step, processed_step, h):
     net = net_of(view)
     row = net.pops[pop]
     log_at, kind = net.log_at[thread, 0], row[t.KIND]
-    # Ends are stored for every step, even without spikes, so that the spikes of a population need no search. The number of slots is a power of two, so a mask replaces a division.
+    # Ends are stored for every step, even without spikes, so that the spikes of a population need no search. The
+    # number of slots is a power of two, so a mask replaces a division.
     net.log_ends[thread, step & (net.log_ends.shape[1] - 1), pop] = log_at
     if kind == t.NEURON:
         slots, blocks = slot_mask(net), net.awake.shape[0]

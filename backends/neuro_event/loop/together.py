@@ -108,7 +108,7 @@ def clear_all(views, q, which):
 
 @kernel
 def merge_all(views, q, weights, gained):
-    """Add the changes of all engines to the weights of a projection that learns by moves, and write them to each engine.
+    """Add the changes of all engines to the weights of a projection that learns by moves, and set them in each.
 
     `weights` has the weights before the changes, and receives the result. `gained`, a buffer of the same size, must be
     0. Only weights that changed are written, because a write of all weights would load them into the cache.

@@ -111,8 +111,8 @@ def teacher(teach):
                     values[e] = teach_input(values[e], spikes, source, delay, moment, lesson, c, h)
                     changed += 1
                 continue
-            # The rows belong to sources, so all rows are searched for the neuron. A list by target would need no search,
-            # but would take 8 bytes per synapse for one use per trial.
+            # The rows belong to sources, so all rows are searched for the neuron. A list by target would take 8 bytes
+            # per synapse, for one use per trial.
             begin = row[t.ROW] + source * threads
             for s in range(net.rows[begin], net.rows[begin + threads]):
                 if net.targets[s] == local:

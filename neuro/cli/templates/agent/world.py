@@ -4,11 +4,11 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-AIM = 20.0  # degrees
+AIM = 20.0  # goal, degrees
 
 
 class Room(gymnasium.Env):
-    """In each step the room loses 5 % of its difference to the weather, and gains heat from the heater."""
+    """A room that loses 5 % of its difference to the weather in each step, and gains heat from the heater."""
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}
     observation_space = spaces.Box(np.array([10.0, 0.0], np.float32), np.array([30.0, 10.0], np.float32))
@@ -25,7 +25,7 @@ class Room(gymnasium.Env):
         return self._observation(), {}
 
     def step(self, action):
-        """Heat for a step; return observation, reward, terminated, truncated and info."""
+        """Heat for a step. Return observation, reward, terminated, truncated and info."""
         self.room += 0.05 * (self.weather - self.room) + 0.8 * action + self.np_random.normal(0.0, 0.1)
         self.steps += 1
         reward = float(abs(self.room - AIM) < 1.0)
@@ -36,7 +36,7 @@ class Room(gymnasium.Env):
         return np.clip(values, self.observation_space.low, self.observation_space.high)
 
     def render(self):
-        """Return a picture: a thermometer of 10 to 30 degrees, with a line at the goal."""
+        """Return a picture of a thermometer from 10 to 30 degrees, with a line at the goal."""
         picture = np.full((100, 60, 3), 245, np.uint8)
         picture[99 - round(np.clip(5 * (self.room - 10.0), 0, 99)) :, 20:40] = (208, 52, 44)
         picture[99 - round(5 * (AIM - 10.0)), 10:50] = 0

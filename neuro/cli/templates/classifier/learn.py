@@ -17,7 +17,7 @@ def halves():
 
 
 def trained(data, out=None, **settings):
-    """Return a recogniser that has learnt the recordings; 'neuro recognise list remus' lists the settings."""
+    """Return a recogniser that has learnt the recordings. 'neuro recognise list remus' lists the settings."""
     method = method_of("remus", "early", {"per_class": 2, "epochs": 4} | settings)
     return fit(data, method, seed=0, out=out)
 
@@ -29,5 +29,5 @@ def accuracy(recogniser, data):
 
 if __name__ == "__main__":
     learning, unseen = halves()
-    made = trained(learning, MODEL)
-    print(f"{len(unseen)} unseen recordings: {accuracy(made, unseen):.0%} right, 33% by chance")
+    recogniser = trained(learning, MODEL)
+    print(f"{len(unseen)} unseen recordings: {accuracy(recogniser, unseen):.0%} right, 33% by chance")

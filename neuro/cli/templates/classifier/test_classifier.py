@@ -12,5 +12,5 @@ def test_it_recognises_shapes_that_it_has_not_seen():
 
 def test_a_file_of_it_decides_alike(tmp_path):
     learning, unseen = halves()
-    made = trained(learning, tmp_path / "model.h5")
-    assert (Recogniser.load(tmp_path / "model.h5").predict(unseen) == made.predict(unseen)).all()
+    recogniser = trained(learning, tmp_path / "model.h5")
+    assert (Recogniser.load(tmp_path / "model.h5").predict(unseen) == recogniser.predict(unseen)).all()

@@ -10,7 +10,7 @@ NETWORK = Path(__file__).with_name("network.yaml")
 
 
 def spike_counts(duration=1000.0, seed=1, **parameters):
-    """Return the number of spikes of each neuron of the grid within `duration` ms: (rows, columns)."""
+    """Return the number of spikes of each neuron of the grid in `duration` ms, shape (rows, columns)."""
     sim = neuro.compile(neuro.load(NETWORK, params=parameters), seed=seed)
     sim.run(duration)  # the recording is read while the network runs
     _, ids = sim.spikes("grid")

@@ -8,10 +8,10 @@ NETWORK = Path(__file__).with_name("network.yaml")
 
 
 def rates(left, right, seed=1, **parameters):
-    """Return the rates of both groups (Hz) for the rates of their inputs (Hz)."""
+    """Return the rates of both groups in Hz. `left` and `right` are the rates of their inputs in Hz."""
     net = neuro.load(NETWORK, params={"left": left, "right": right, **parameters})
     sim = neuro.compile(net, seed=seed)
-    sim.run(1000.0)  # ms, so spikes are per second
+    sim.run(1000.0)  # ms, so the number of spikes is a rate in Hz
     return tuple(len(sim.spikes(name)[0]) / 20 for name in ("left", "right"))
 
 
