@@ -1,17 +1,17 @@
-"""Spiking agents on Gymnasium's tasks: how many episodes until they are solved, and what the frozen agents reach.
+"""Spiking agents on tasks of Gymnasium: episodes until a task is solved, and returns of the frozen agents.
 
     python benchmarks/agents.py [TASK ...] [--seeds 101-110] [--twin] [--set name=value ...] [--json FILE]
     python benchmarks/agents.py [TASK ...] [--seeds 101-103] --controls
     python benchmarks/agents.py [TASK ...] [--seeds 101-103] --chips
 
-A training stops when the mean return of the last 100 episodes (FrozenLake: 500) reaches the task's bar, or its limit
-of control steps; a seed that did not get there counts with its episodes at the limit. The frozen agent is the one of
-that moment; it is tested on 100 (1,000) new episodes. One process, one core.
+A training stops when the mean return of the last 100 episodes (FrozenLake: 500) reaches the bar of the task, or at the
+limit of control steps. A seed that did not reach the bar counts with its episodes at the limit. The agent is then
+frozen and tested on 100 (FrozenLake: 1,000) new episodes. The benchmark uses one process and one core.
 
-With `--controls`: agents that are kept from learning, which must fail. Each has as many control steps as most agents
-need, and the figure is the share of the way from random moves to the bar that its frozen mean return has gone.
+`--controls` tests agents that cannot learn, which must fail. Each has as many control steps as most agents need. Its
+figure is (frozen mean return - mean return of random moves) / (bar - mean return of random moves).
 
-With `--chips`: the frozen agent in 30 episodes on `event`, Loihi and SpiNNaker, and microjoules a decision.
+`--chips` runs the frozen agent for 30 episodes on `event`, Loihi and SpiNNaker, and prints microjoules per decision.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ from neuro.apps import assignments
 from neuro_agent import ActorCritic, LinearTwin
 
 warnings.filterwarnings("ignore", category=DeprecationWarning)
-warnings.filterwarnings("ignore", category=neuro.ApproximationWarning)  # weights of a chip, once for each agent
+warnings.filterwarnings("ignore", category=neuro.ApproximationWarning)  # else chips warn about each agent
 
 
 @dataclass(frozen=True)
 class Task:
-    """A task.
+    """A task and the limits of its training and tests.
 
     Attributes:
-        bar: the mean return at which it counts as solved.
-        steps: the limit of control steps of a training.
-        most: control steps of an episode, where the environment has no limit of its own.
-        window: episodes of that mean while it learns: more where returns vary more.
-        tests: episodes of the frozen agent.
-        frozen: the bar of these, if it is another one.
-        controls: control steps of a control.
+        bar: mean return at which the task counts as solved.
+        steps: largest number of control steps of a training.
+        most: largest number of control steps of an episode, if the environment has no limit.
+        window: number of last episodes whose mean return is compared with the bar; more if returns vary more.
+        tests: number of test episodes of the frozen agent.
+        frozen: bar for the test episodes, if it differs from `bar`.
+        controls: number of control steps of a control, see `controls`.
     """
 
     bar: float
@@ -58,7 +58,7 @@ class Task:
     controls: int = 60_000
 
     def make(self, name: str) -> gymnasium.Env[Any, Any]:
-        """The environment."""
+        """Return the environment of the task."""
         return gymnasium.make(name) if self.most is None else gymnasium.make(name, max_episode_steps=self.most)
 
 
@@ -75,7 +75,7 @@ TASKS = {
 
 
 def run(name: str, seed: int, kind: type[ActorCritic], settings: dict[str, Any]) -> dict[str, Any]:
-    """One seed of a task."""
+    """Train and test an agent with one seed of a task, and return its figures."""
     task, env = TASKS[name], TASKS[name].make(name)
     agent = kind(env.observation_space, env.action_space, seed=seed, **settings)
     begun = time.process_time()
@@ -95,7 +95,7 @@ def run(name: str, seed: int, kind: type[ActorCritic], settings: dict[str, Any])
 
 
 def controls(name: str, seed: int, settings: dict[str, Any]) -> dict[str, float]:
-    """By control, the share of the way from random moves to the bar."""
+    """Return, for each control, how far its mean return lies between random moves (0) and the bar (1)."""
     task, env = TASKS[name], TASKS[name].make(name)
     agent = ActorCritic(env.observation_space, env.action_space, seed=seed, **settings)
     env.action_space.seed(seed)
@@ -105,7 +105,7 @@ def controls(name: str, seed: int, settings: dict[str, Any]) -> dict[str, float]
 
 
 def chips(name: str, seed: int, settings: dict[str, Any]) -> dict[str, Any]:
-    """Mean returns of the frozen agent by backend, and microjoules a decision: low, nominal, high."""
+    """Return mean returns of the frozen agent by backend, and microjoules per decision: low, nominal, high."""
     task, env = TASKS[name], TASKS[name].make(name)
     agent = ActorCritic(env.observation_space, env.action_space, seed=seed, **settings)
     agent.train(env, until=task.bar, steps=task.steps, window=task.window)
@@ -129,7 +129,7 @@ def _at_random(env: gymnasium.Env[Any, Any], seed: int) -> float:
 
 
 def main() -> None:
-    """Run the tasks and print a line for each seed, then one for each task."""
+    """Run the tasks. Print a line for each seed, then a line for each task."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tasks", nargs="*", default=list(TASKS)[:5], choices=[*TASKS], metavar="TASK")
     parser.add_argument("--seeds", default="101-110")

@@ -2,13 +2,13 @@
 
     python benchmarks/agents_tuned.py [TASK ...] [--tries 12] [--seeds 101-103] [--only NAME ...] [--json FILE]
 
-On CartPole and MountainCar each contestant has its defaults and `tries` draws of settings, of the ranges in SPACES,
-which name what users of each tune (for PPO and DQN those of the settings that are published for these tasks). All are
-trained with seed 1 for as many control steps as the task has; the one with the best frozen mean return of 100 episodes
-is trained again with `--seeds`. Random search draws linear policies, which have no settings. Elsewhere only the
-spiking agent has tries, which show what its one set of defaults loses against settings by task; the others have their
-defaults. The figures are those of `--seeds` alone: frozen mean return in 100 new episodes, the same for all. What is
-done is kept in FILE, and not done again. One process, one core; needs stable-baselines3.
+On CartPole and MountainCar each contestant is tried with its defaults and with `tries` drawn settings. SPACES has the
+ranges of the settings that users tune (for PPO and DQN, the settings that are published for these tasks). All tries are
+trained with seed 1 for the control steps of the task. The settings with the best frozen mean return of 100 episodes are
+trained again with `--seeds`. Random search draws linear policies, which have no settings. On other tasks only the
+spiking agent has tries, to compare its defaults with settings for a task; the others have their defaults. The figures
+are those of `--seeds` alone: frozen mean returns in 100 new episodes, which are the same for all. Results are stored in
+FILE, and no training is repeated. The benchmark uses one process and one core, and requires stable-baselines3.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ STEPS = {
     "FrozenLake-v1": 100_000,
     "CliffWalking-v1": 100_000,
 }
-"""Control steps of each training: about what the slowest seeds of the spiking agent need."""
+"""Control steps of each training. The slowest seeds of the spiking agent need about as many."""
 TUNED = ("CartPole-v1", "MountainCar-v0")
 OURS = {
     "actor_rate": (0.6, 1.2, 2.4, 4.8, 9.6),
@@ -80,14 +80,14 @@ LABELS = {**NAMES, "search": "random search, linear policies"}
 
 
 def drawn(name: str, number: int) -> dict[str, Any]:
-    """The settings of a try; try 0 has the defaults."""
+    """Return the settings of a try. Try 0 has the defaults."""
     rng = np.random.default_rng([number, 12])
     space = SPACES.get(name, {}) if number else {}
     return {key: values[int(rng.integers(len(values)))] for key, values in space.items()}
 
 
 def ours(name: str, task: str, seed: int, settings: Mapping[str, Any]) -> list[float]:
-    """Frozen returns of the spiking agent or its twin."""
+    """Return the frozen returns of the spiking agent or its twin, by episode."""
     env, kind = TASKS[task].make(task), ActorCritic if name == "agent" else LinearTwin
     agent = kind(env.observation_space, env.action_space, seed=seed, **settings)
     agent.train(env, steps=STEPS[task])
@@ -96,7 +96,7 @@ def ours(name: str, task: str, seed: int, settings: Mapping[str, Any]) -> list[f
 
 
 def theirs(name: str, task: str, seed: int, settings: Mapping[str, Any]) -> list[float]:
-    """Frozen returns of PPO or DQN, which choose what they prefer."""
+    """Return the frozen returns of PPO or DQN, by episode. Both choose the action that they prefer."""
     import stable_baselines3
     import torch
     from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
@@ -106,7 +106,7 @@ def theirs(name: str, task: str, seed: int, settings: Mapping[str, Any]) -> list
     envs: Any = DummyVecEnv([lambda: TASKS[task].make(task)] * options.pop("envs", 1))
     if options.pop("normalize", False):
         envs = VecNormalize(envs, gamma=options["gamma"])
-    if "train" in options:  # every so many steps so many gradients
+    if "train" in options:  # a number of gradient steps after the same number of control steps
         options["train_freq"], options["gradient_steps"] = options.pop("train")
     if "net" in options:
         options["policy_kwargs"] = {"net_arch": [options.pop("net")] * 2}
@@ -121,7 +121,7 @@ def theirs(name: str, task: str, seed: int, settings: Mapping[str, Any]) -> list
 
 
 def searched(task: str, seed: int) -> list[float]:
-    """Frozen returns of the best of linear policies that are drawn at random, each of which has three episodes."""
+    """Return the frozen returns of the best of random linear policies. Each policy is tried in three episodes."""
     env, rng = TASKS[task].make(task), np.random.default_rng([seed, 13])
     discrete = isinstance(env.observation_space, gymnasium.spaces.Discrete)
     size = int(env.observation_space.n) if discrete else int(np.prod(env.observation_space.shape))
@@ -151,7 +151,7 @@ def searched(task: str, seed: int) -> list[float]:
 
 
 def episodes(env: gymnasium.Env[Any, Any], act: Act) -> list[float]:
-    """The returns of the episodes that `ActorCritic.test` has."""
+    """Return the returns of a policy in the same episodes as `ActorCritic.test`."""
     returns = []
     for k in range(100):
         seen, _ = env.reset(seed=episode_seed(0, TESTS + k))
@@ -165,10 +165,10 @@ def episodes(env: gymnasium.Env[Any, Any], act: Act) -> list[float]:
 
 
 class Kept:
-    """Figures of trainings, in a file: none is done twice.
+    """Figures of trainings in a file, so that no training is repeated.
 
     Args:
-        path: the file, or None to keep none.
+        path: path of the file, or None for no file.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -176,14 +176,14 @@ class Kept:
         self._each: dict[str, Any] = json.loads(path.read_text()) if path is not None and path.exists() else {}
 
     def mean(self, name: str, task: str, seed: int, number: int) -> float:
-        """The frozen mean return of a training with the settings of a try."""
+        """Return the frozen mean return of a training with the settings of a try."""
         key = f"{task} {name} seed {seed} try {number}"
         if key not in self._each:
             begun, settings = time.process_time(), drawn(name, number)
             run = ours if name in ("agent", "twin") else theirs
             try:
                 returns = searched(task, seed) if name == "search" else run(name, task, seed, settings)
-            except (ValueError, AssertionError) as error:  # settings that do not go together
+            except (ValueError, AssertionError) as error:  # settings that exclude each other
                 returns = [float("-inf")]
                 print(f"{key}: {error}", flush=True)
             self._each[key] = {
@@ -201,7 +201,7 @@ class Kept:
 
 
 def main() -> None:
-    """Run it."""
+    """Train all contestants and print the figures."""
     parser = argparse.ArgumentParser()
     parser.add_argument("tasks", nargs="*", default=list(STEPS))
     parser.add_argument("--tries", type=int, default=12)

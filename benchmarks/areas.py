@@ -1,10 +1,10 @@
-"""Many areas (`neuro_models.areas`): building, memory and speed, on `event`, on NEST, and by NEST's own rules.
+"""Many areas (`neuro_models.areas`): build time, memory and speed on `event`, on NEST, and with NEST's own rules.
 
     python benchmarks/areas.py [--on event] [--areas 32] [--scale 0.02] [--indegree 0.1] [--ms 200] [--threads 1]
     mpirun -n 2 python benchmarks/areas.py --on nest
 
-Each process prints a JSON line. `event` and `nest` have the same synapses, so `spikes`, a digest of all of them, is the
-same for both and for any number of ranks; `rules` draws synapses of the same numbers in NEST.
+Each process prints a JSON line. `event` and `nest` have the same synapses, so `spikes`, a digest of all spikes, is the
+same for both and for any number of ranks. `rules` draws the same numbers of synapses in NEST.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from neuro_models import areas
 
 
 def ours(net: neuro.Network, asked: argparse.Namespace) -> dict[str, Any]:
-    """Figures of a run on one of our backends."""
+    """Return the figures of a run on one of our backends."""
     wall = time.perf_counter()
     sim = neuro.compile(net, asked.on, seed=asked.seed, threads=asked.threads)
     sim.run(net.resolution)
@@ -42,7 +42,7 @@ def ours(net: neuro.Network, asked: argparse.Namespace) -> dict[str, Any]:
 
 
 def by_rules(net: neuro.Network, asked: argparse.Namespace) -> dict[str, Any]:
-    """Figures of a run in NEST, which draws the synapses itself."""
+    """Return the figures of a run in NEST, which draws the synapses itself."""
     import nest
     from microcircuit_nest import connect, populations
 
@@ -70,7 +70,10 @@ def _times(wall: float, cpu: float, ms: float) -> dict[str, float]:
 
 
 def by_layer(rates: dict[str, float]) -> dict[str, list[float]]:
-    """Least, mean and largest rate of the areas, Hz, by population; of a rank alone where NEST has its own rules."""
+    """Return the least, mean and largest rate of the areas in Hz, by population.
+
+    With NEST's own rules, the rates are those of a single rank.
+    """
     every = {layer: [rate for name, rate in rates.items() if name.endswith(f"_{layer}")] for layer in areas.LAYERS}
     return {
         layer: [round(float(f(found)), 2) for f in (np.min, np.mean, np.max)] for layer, found in every.items() if found
@@ -78,7 +81,7 @@ def by_layer(rates: dict[str, float]) -> dict[str, list[float]]:
 
 
 def ranks(on: str) -> dict[str, int]:
-    """Which process this is, of how many."""
+    """Return the index of this process and the number of processes."""
     if on == "event":
         return {"rank": 0, "ranks": 1}
     import nest
@@ -87,7 +90,7 @@ def ranks(on: str) -> dict[str, int]:
 
 
 def main() -> None:
-    """Describe, build, run and print the line."""
+    """Describe, build and run the network, and print the line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--on", choices=("event", "nest", "rules"), default="event")
     parser.add_argument("--areas", type=int, default=32)

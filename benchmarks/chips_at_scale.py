@@ -1,7 +1,9 @@
 """Place, check and price the cortical microcircuit on chips: processor time, peak memory, cores, chips and hops.
 
-`python benchmarks/chips_at_scale.py --scale 0.1 [--emulate 100]`: scale 1 has 299 million synapses and takes 10 GB;
-`--emulate MS` runs it on SpiNNaker's emulator, too, and beside it on event, and prints the rates of both (16 GB).
+    python benchmarks/chips_at_scale.py --scale 0.1 [--emulate 100]
+
+Scale 1 has 299 million synapses and needs 10 GB. `--emulate MS` also runs the network on the emulator of SpiNNaker and
+on event, and prints the rates of both. This needs 16 GB.
 """
 
 from __future__ import annotations
@@ -22,13 +24,13 @@ CIRCUIT = Path(__file__).resolve().parents[1] / "models" / "neuro_models" / "mic
 
 
 class Watch:
-    """Prints what was done, the processor time that it took and the peak of memory so far."""
+    """Prints the name of each finished part, its processor time and the peak of memory so far."""
 
     def __init__(self) -> None:
         self.since = time.process_time()
 
     def say(self, what: str) -> None:
-        """Tell, and begin anew."""
+        """Print the line of a finished part, and start the time of the next part."""
         now = time.process_time()
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
         print(f"{what:60} {now - self.since:8.2f} s {peak:6.2f} GB", flush=True)
@@ -36,7 +38,7 @@ class Watch:
 
 
 def fit(net: neuro.Network) -> None:
-    """Compile once, then place on both chips."""
+    """Compile the network once, then place it on both chips."""
     watch = Watch()
     program = compile_network(net, 1)
     watch.say(f"compiled: {sum(part.size for part in program.projections):,} synapses")
@@ -56,7 +58,7 @@ def fit(net: neuro.Network) -> None:
 
 
 def emulate(net: neuro.Network, ms: float) -> None:
-    """Run on both, and print the rates of each population after the first 20 ms."""
+    """Run the network on both backends, and print the rates of each population after the first 20 ms."""
     for backend in ("event", "spinnaker"):
         watch = Watch()
         with warnings.catch_warnings(action="ignore"):
@@ -77,7 +79,7 @@ def emulate(net: neuro.Network, ms: float) -> None:
 
 
 def main() -> int:
-    """Do what is asked for."""
+    """Run the parts that the options name."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--scale", type=float, default=0.1)
     options.add_argument("--emulate", type=float, default=0.0, metavar="MS")

@@ -2,10 +2,11 @@
 
 `lif`: the COBA benchmark with `iaf_cond_exp` (Vogels & Abbott, J. Neurosci. 25:10786, 2005; Brette et al., J. Comput.
 Neurosci. 23:349, 2007). `adex`: the same connections between `aeif_cond_exp` with the weak adaptation of Destexhe,
-J. Comput. Neurosci. 27:493, 2009, under noise that does not end: asynchronous and irregular, 27 Hz, CV 1.3.
+J. Comput. Neurosci. 27:493, 2009, under lasting noise. It fires asynchronously and irregularly, at 27 Hz, with CV 1.3.
 
-One thread each, seconds of the processor; to build and to compile is not counted. `--repeat` takes turns and tells the
-least of each. `coba_brian2.py` has the same networks in Brian2.
+Each simulator has one thread. The figures are seconds of processor time, without building and compilation. With
+`--repeat` the simulators take turns, and the least time of each is printed. `coba_brian2.py` has the same networks in
+Brian2.
 """
 
 from __future__ import annotations
@@ -27,7 +28,10 @@ B = {"exc": 5.0, "inh": 0.0}
 
 
 def coba(cells: str = "lif", rk4_substeps: int = 0) -> neuro.Network:
-    """4 of 5 neurons excite, 80 random inputs each (2 % of 4,000); noise starts it, for 50 ms or for good."""
+    """Return the network. 4 of 5 neurons excite, and each has 80 random inputs (2 % of 4,000).
+
+    Noise drives `lif` for 50 ms and `adex` without end.
+    """
     net = neuro.Network(f"coba_{cells}", resolution=0.1)
     shared = {**MEMBRANE, **SYNAPSES, "rk4_substeps": rk4_substeps}
     excitatory = NEURONS * 4 // 5
@@ -44,7 +48,7 @@ def coba(cells: str = "lif", rk4_substeps: int = 0) -> neuro.Network:
 
 
 def timed(cells: str, backend: str, rk4_substeps: int, ms: float) -> tuple[float, np.ndarray]:
-    """Seconds of the processor for `ms` after the first step, and the spikes."""
+    """Return the processor time in s of `ms` after the first step, and the spikes."""
     sim = neuro.compile(coba(cells, rk4_substeps), backend, seed=1)
     sim.run(0.1)
     begin = time.process_time()
@@ -54,7 +58,7 @@ def timed(cells: str, backend: str, rk4_substeps: int, ms: float) -> tuple[float
 
 
 def main() -> None:
-    """Print a line for each."""
+    """Print a line for each simulator and solver."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("cells", nargs="?", choices=["lif", "adex"], default="lif")
     options.add_argument("--ms", type=float, default=1000.0)

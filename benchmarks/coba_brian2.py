@@ -1,7 +1,7 @@
 """The networks of `coba.py` in Brian2 as C++, by the same RK4: `PYTHON benchmarks/coba_brian2.py [adex] [--ms 1000]`.
 
-PYTHON has brian2 installed (`make bench-peers` makes one). Seconds of the processor, of the run alone; the program that
-Brian2 writes is run `--repeat` times, and the least is told.
+PYTHON is an interpreter with brian2, which `make bench-peers` can make. The figure is the processor time of the run
+alone, in s. The program that Brian2 writes is run `--repeat` times, and the least time is printed.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ TIMER = """
 
 
 def main() -> None:
-    """Print a line."""
+    """Run the network and print a line."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("cells", nargs="?", choices=list(CELLS), default="lif")
     options.add_argument("--ms", type=float, default=1000.0)

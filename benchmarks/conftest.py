@@ -1,4 +1,4 @@
-"""What the benchmarks share: the modules beside them, and a table of figures after the run."""
+"""Fixtures of the benchmarks: figures for a table after the run. The modules of this folder can be imported."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FIGURES: list[tuple[str, float, str, str]] = []
 
 @pytest.fixture
 def figure() -> Callable[[str, float, str, str], None]:
-    """Note a figure for the table: what, value, unit, and the aim that it is measured against."""
+    """Return a function that adds a row to the table: name, value, unit, and the aim for the value."""
 
     def note(what: str, value: float, unit: str, aim: str = "") -> None:
         FIGURES.append((what, value, unit, aim))
@@ -27,7 +27,7 @@ def figure() -> Callable[[str, float, str, str], None]:
 
 @pytest.fixture
 def least_cpu(benchmark: Any) -> Callable[..., float]:
-    """Time some work as a benchmark; the least seconds of the processor of its rounds."""
+    """Return a function that times some work as a benchmark, and returns the least processor time of a round in s."""
 
     def timed(work: Callable[[], object], rounds: int, **words: Any) -> float:
         taken: list[float] = []
@@ -44,7 +44,7 @@ def least_cpu(benchmark: Any) -> Callable[..., float]:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Print the table."""
+    """Print the table of figures."""
     if not FIGURES:
         return
     terminalreporter.section("figures")

@@ -1,10 +1,11 @@
-"""Copies of a small network that learns by reward, in one call a step, beside the same simulations one after the other.
+"""Copies of a small network that learns by reward, with one call per step, beside the same simulations in turn.
 
     python benchmarks/copies.py [COPIES] [--neurons 200] [--steps 200]
 
-A step is what a closed loop does: spikes in, 20 ms, counts out, an error. All ways do the same, bit for bit, in turn,
-in one process on one core: the copies by one stepper; each simulation by a stepper of its own; each by `inject`, `run`,
-ports of counts, and `signal`. The figures are the medians of 5 rounds, and ratios of the same round.
+A step is a step of a closed loop: spikes go in, 20 ms run, counts come out, and an error teaches. The copies run in
+three ways: all copies with one stepper; each simulation with its own stepper; each with `inject`, `run`, ports of
+counts and `signal`. All ways give the same bits, and take turns in one process on one core. The figures are medians of
+5 rounds, and ratios within a round.
 """
 
 from __future__ import annotations
@@ -25,7 +26,10 @@ Step: TypeAlias = Callable[[Ints, Ints, npt.NDArray[np.float64]], None]
 
 
 def network(neurons: int) -> neuro.Network:
-    """Places that excite a critic of 50 neurons and a circuit that chooses between two actions; all synapses learn."""
+    """Return a network in which all synapses learn.
+
+    Neurons for places excite a critic of 50 neurons, and a circuit that chooses between two actions.
+    """
     net = neuro.Network("loop", resolution=1.0)
     places = net.population("places", neurons - 53, neuro.spike_generator())
     ask = net.population("ask", 1, neuro.spike_generator())
@@ -43,7 +47,7 @@ def network(neurons: int) -> neuro.Network:
 
 
 def ways(net: neuro.Network, n: int) -> dict[str, tuple[list[neuro.Simulation], Step]]:
-    """How n copies can be run, and the simulations that each way runs."""
+    """Return the ways to run n copies by name: the simulations of each way, and a function that runs a step."""
     ask, none = np.full(n, int(MS) - 1), np.zeros(n, dtype=np.int64)
     copies = neuro.compile(net, copies=n, seed=1)
     stepper = copies.stepper(MS, emit=["places", "ask"], count=["critic", "actor"])
@@ -85,7 +89,7 @@ def ways(net: neuro.Network, n: int) -> dict[str, tuple[list[neuro.Simulation], 
 
 
 def main() -> None:
-    """Time all ways in turn and print steps a second of all copies, and ratios."""
+    """Time all ways in turn. Print the steps per second of all copies, and ratios."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("copies", nargs="?", type=int, default=64)
     parser.add_argument("--neurons", type=int, default=200)

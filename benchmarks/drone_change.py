@@ -1,12 +1,13 @@
-"""Learning on against frozen weights where the world changes: `nice python benchmarks/drone_change.py --out FOLDER`.
+"""Lasting learning against frozen weights in a changing world: `nice python benchmarks/drone_change.py --out FOLDER`.
 
-A network is trained for 20,000 steps in still air, then flies laps in which a wind begins. On these laps its weights
-are frozen; or it goes on learning from the supervised error; or it learns until `AGAIN` and flies frozen from then on,
-which tells what was learnt from what the dopamine steers by itself. Each lap begins with the weights of the training.
-The oracle, the centroid and LMS fly the same laps.
+A network is trained for 20,000 steps in still air, then flies laps in which the world changes, e.g. a wind begins. On
+these laps its weights are frozen, or it goes on learning from the supervised error, or it learns until `AGAIN` and is
+then frozen. The last case separates what the network has learnt from the direct effect of dopamine on the motors. Each
+lap begins with the weights of the training. The oracle, the centroid and LMS fly the same laps.
 
-Errors along time, mean of 2 x 2 starts for each of `--seeds` trainings, are kept in the folder; a second start goes on.
-FOLDER/change.png and FOLDER/change.md are written at the end, with mean and standard deviation over seeds.
+Errors over time, the mean of 2 x 2 starts for each of `--seeds` trainings, are stored in the folder, so an interrupted
+run can be continued. At the end FOLDER/change.png and FOLDER/change.md are written, with mean and standard deviation
+over seeds.
 """
 
 from __future__ import annotations
@@ -29,25 +30,25 @@ from neuro_drone.train import train
 
 Floats = npt.NDArray[np.float64]
 SINCE, AGAIN = 40.0, 70.0
-"""s of a lap of 100 s: when the world changes, and when a network that has learnt the change is frozen again."""
+"""Times in a lap of 100 s at which the world changes, and at which a network is frozen again, s."""
 STEPS = 20_000
 STARTS = tuple(Start((x, y)) for x in (-10.0, 10.0) for y in (-10.0, 10.0))
 SMOOTH = 20
-"""Steps of the running mean in the figure."""
+"""Number of steps of the running mean in the figure."""
 PHASES = {"before": (10.0, SINCE), "5 s after": (SINCE, SINCE + 5.0), "from 70 s on": (AGAIN, 100.0)}
 SOFT = "#8a919c"
 
 
 @dataclass(frozen=True)
 class Way:
-    """How a lap is flown.
+    """A way to fly a lap.
 
     Attributes:
-        name: in table and figure.
-        colour: in the figure.
-        trained: the controller, trained with each seed; empty for one that needs no training.
-        controller: by name, of one that needs none.
-        learns: until when, s.
+        name: name in table and figure.
+        colour: colour in the figure.
+        trained: name of a controller that is trained with each seed, or "".
+        controller: name of a controller that needs no training, or "".
+        learns: time in the lap until which the controller learns, s.
     """
 
     name: str
@@ -62,7 +63,7 @@ NETWORK = (
     Way("network, learning on", "#0072b2", "snn", learns=np.inf),
     Way(f"network, frozen again at {AGAIN:g} s", "#009e73", "snn", learns=AGAIN),
 )
-"""What the figure shows, with the spread over seeds; the others are in the table."""
+"""The ways in the figure, with their spread over seeds. The table has all ways."""
 LMS = (Way("LMS, frozen", trained="lms"), Way("LMS, learning on", trained="lms", learns=np.inf))
 ORACLE = Way("oracle", controller="oracle")
 WAYS = (*NETWORK, *LMS, Way("centroid", controller="centroid"), ORACLE)
@@ -70,15 +71,15 @@ WAYS = (*NETWORK, *LMS, Way("centroid", controller="centroid"), ORACLE)
 
 @dataclass(frozen=True)
 class Case:
-    """A change of the world.
+    """A change of the world during a lap.
 
     Attributes:
-        title: in the figure.
+        title: title in the figure.
         world: the scenario.
-        change: of it in flight.
-        axis: whose error is told: None the distance in the picture, else the number of the axis, absolute.
-        unit: of the error.
-        ways: that are flown.
+        change: settings of the scenario that take effect at `SINCE`.
+        axis: index of the axis whose absolute error is shown, or None for the distance in the picture.
+        unit: unit of the error.
+        ways: ways that are flown.
         cut: share of the synapses onto the motors that is cut at `SINCE`, drawn with the seed of the training.
     """
 
@@ -118,19 +119,19 @@ CASES = {
 
 
 def flown(case: Case, model: Model, learns: float) -> dict[str, Any]:
-    """The error after each step, mean of all starts, and from how many the ball was lost.
+    """Return the error after each step, as a mean of all starts, and the number of starts at which the ball was lost.
 
     Args:
         case: the change.
-        model: flies; each lap begins with what it has learnt.
-        learns: until when, s.
+        model: the model that flies. Each lap begins with its weights.
+        learns: time in the lap until which the model learns, s.
     """
     laps = [one_lap(case, model, start, index, learns) for index, start in enumerate(STARTS)]
     return {"error": np.mean([track for track, _ in laps], axis=0).tolist(), "lost": sum(lost for _, lost in laps)}
 
 
 def one_lap(case: Case, model: Model, start: Start, index: int, learns: float) -> tuple[Floats, bool]:
-    """The error after each step of a lap, and whether the ball was lost: from then on the error stays as it was."""
+    """Return the error after each step of a lap, and True if the ball was lost. After a loss the error is constant."""
     world = load(case.world, **case.change)
     env = Flights(world, [reset_arguments(start, index)])
     loop = model.loop(env, learns=bool(learns), block=ENDLESS)
@@ -146,17 +147,17 @@ def one_lap(case: Case, model: Model, start: Start, index: int, learns: float) -
 
 
 class Until:
-    """What learns for so many steps, and then flies on with frozen weights."""
+    """A pilot that learns for a number of steps, and then flies with frozen weights."""
 
     def __init__(self, pilot: Any, model: Model, env: Flights, steps: int) -> None:
         self._pilot, self._model, self._env, self._left = pilot, model, env, steps
 
     def begin(self, copies: int, block: int) -> None:
-        """Begin the lap."""
+        """Begin a lap."""
         self._pilot.begin(copies, block)
 
     def act(self, observations: Floats, infos: Any) -> Any:
-        """Act; frozen if it is time."""
+        """Act, with frozen weights after the steps of learning."""
         if self._left == 0:
             model = replace(self._model, learnt=self._pilot.arrays()["learnt"])
             self._pilot = model.loop(self._env).pilot
@@ -165,23 +166,23 @@ class Until:
         return self._pilot.act(observations, infos)
 
     def teach(self, moment: Any) -> None:
-        """Learn if it is not frozen."""
+        """Learn, unless the weights are frozen."""
         if self._left >= 0:
             self._pilot.teach(moment)
 
 
 class Cut:
-    """A network of which a share of the synapses onto the motors is cut after so many steps, for good."""
+    """A pilot that loses a share of its synapses onto the motors for good, after a number of steps."""
 
     def __init__(self, pilot: Any, share: float, seed: int, steps: int) -> None:
         self._pilot, self._share, self._rng, self._left = pilot, share, np.random.default_rng([seed, 11]), steps
 
     def begin(self, copies: int, block: int) -> None:
-        """Begin the lap."""
+        """Begin a lap."""
         self._pilot.begin(copies, block)
 
     def act(self, observations: Floats, infos: Any) -> Any:
-        """Act; from the cut on the weights of the synapses that are cut are 0 in each step."""
+        """Act. After the cut, the weights of the lost synapses are set to 0 in each step."""
         if self._left > 0:
             self._left -= 1
             return self._pilot.act(observations, infos)
@@ -194,17 +195,17 @@ class Cut:
         return self._pilot.act(observations, infos)
 
     def teach(self, moment: Any) -> None:
-        """Learn if the network does."""
+        """Learn as the network does."""
         self._pilot.teach(moment)
 
 
 def measured(name: str, seed: int, folder: Path) -> dict[str, dict[str, Any]]:
-    """Errors along time of all ways with a seed; flown if the file is not there."""
+    """Return the errors over time of all ways with a seed, from a file if it exists."""
     return kept(folder / f"{name} {seed}.json", lambda: all_ways(name, seed, folder))
 
 
 def all_ways(name: str, seed: int, folder: Path) -> dict[str, dict[str, Any]]:
-    """Errors along time of all ways with a seed, flown now."""
+    """Fly all ways with a seed and return their errors over time."""
     case, told = CASES[name], {}
     for way in case.ways:
         if way.trained:
@@ -220,16 +221,16 @@ def all_ways(name: str, seed: int, folder: Path) -> dict[str, dict[str, Any]]:
 
 
 def one_of(job: tuple[str, int, Path], report: Callable[[Any], None]) -> dict[str, dict[str, Any]]:
-    """`measured`, in a process of its own."""
+    """Return the result of `measured`. Each job runs in its own process."""
     return measured(*job)
 
 
 Runs = list[dict[str, Any]]
-"""What `measured` has of a way, of each seed."""
+"""Results of `measured` for one way, by seed."""
 
 
 def table(found: Mapping[str, Mapping[str, Runs]]) -> str:
-    """Mean errors in each phase, mean and standard deviation over seeds, Markdown."""
+    """Return a Markdown table of the mean errors in each phase, with mean and standard deviation over seeds."""
     rows = []
     for name, ways in found.items():
         rate = 1000.0 / load(CASES[name].world).step
@@ -242,12 +243,12 @@ def table(found: Mapping[str, Mapping[str, Runs]]) -> str:
 
 
 def errors(runs: Runs) -> Floats:
-    """Errors along time, (seeds, steps)."""
+    """Return the errors over time, (seeds, steps)."""
     return np.array([run["error"] for run in runs])
 
 
 def figure(found: Mapping[str, Mapping[str, Runs]], file: Path) -> None:
-    """Error over time, a panel for each change."""
+    """Draw the error over time, with a panel for each change."""
     from matplotlib.figure import Figure
 
     fig = Figure(figsize=(7.4, 0.7 + 2.4 * len(found)), dpi=150)
@@ -260,7 +261,7 @@ def figure(found: Mapping[str, Mapping[str, Runs]], file: Path) -> None:
                 [np.convolve(one, np.full(SMOOTH, 1.0 / SMOOTH), "valid") for one in errors(ways[way.name])]
             )
             time = (np.arange(tracks.shape[1]) + SMOOTH) * seconds
-            if way.learns == AGAIN:  # up to then it is the one that goes on learning
+            if way.learns == AGAIN:  # before, it equals the way that goes on learning
                 tracks, time = tracks[:, time >= AGAIN], time[time >= AGAIN]
             mean, sd = tracks.mean(axis=0), tracks.std(axis=0, ddof=1) if len(tracks) > 1 else 0.0
             axes.fill_between(time, mean - sd, mean + sd, color=way.colour, alpha=0.2, lw=0)
@@ -278,7 +279,7 @@ def figure(found: Mapping[str, Mapping[str, Runs]], file: Path) -> None:
 
 
 def main() -> None:
-    """Fly what is missing, then draw and tell."""
+    """Fly the missing laps, then draw the figure and print the table."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--out", type=Path, required=True)
     options.add_argument("--seeds", type=int, default=8)

@@ -1,12 +1,12 @@
 """The line in both directions, and the ball on textured ground: `nice python benchmarks/drone_line.py --out FOLDER`.
 
-Each row is trained from `--seeds` seeds and flown with frozen weights from a 5 x 5 grid of starts, one process. Each
-run is kept in the folder; a second start goes on. FOLDER/line.md and FOLDER/texture.md are written after each run,
-`--minutes` begins no run later than that, `--task` asks for one of the two.
+Each row is trained with `--seeds` seeds and flown with frozen weights from a 5 x 5 grid of starts, in one process. Each
+run is stored in the folder, so an interrupted benchmark can be continued. FOLDER/line.md and FOLDER/texture.md are
+written after each run. No run begins after `--minutes`. `--task` selects one of the two tasks.
 
-`--lean MODEL`, a network trained on `line`, tells where the lean is lost: four flights of the frozen network, two in
-each direction. Linear read-outs of the fields' shares are fitted to the lean by least squares on two of them, and
-tried on the other two.
+`--lean MODEL` shows where a network that was trained on `line` loses the lean. The frozen network makes four flights,
+two in each direction. Linear read-outs of the shares of the fields are fitted to the lean by least squares on two
+flights, and tested on the other two.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from neuro_drone.train import train
 STARTS = (Start((20.0, 10.0), 1), Start((-10.0, -5.0), -1), Start((-20.0, 5.0), 1), Start((10.0, 0.0), -1))
 NOISE = 50
 CORNER = 15.0
-"""Of the flights that tell of the lean: noise of the first, and degrees from which on a lean is one of a corner."""
+"""Settings of the flights for `--lean`: seed of the first flight's noise, and least lean of a corner in degrees."""
 Floats = npt.NDArray[np.float64]
 ABOVE = {"camera.pos_thres": 0.5, "camera.neg_thres": 0.5}
-"""Thresholds above most of the texture's contrast; that of the ball on the ground is ln 3 = 1.1."""
+"""Thresholds above most of the contrast of the texture. The contrast of the ball on the ground is ln 3 = 1.1."""
 TEXTURE, REDRAWN = {"scn": "B60-texture"}, {"scn": "B60-texture", "ground.redraw": True}
 
 
 @dataclass(frozen=True)
 class Row:
-    """A line of a table; worlds are changes of a scenario, whose name is `scn`."""
+    """A row of a table. A world is a scenario, whose name is `scn`, with changed settings."""
 
     controller: str
     steps: int = 0
@@ -49,7 +49,7 @@ class Row:
 
     @property
     def name(self) -> str:
-        """What tells it from the others."""
+        """Text that distinguishes the row from others."""
         told = [f"{word}={value}" for word, value in self.settings.items()]
         told += [str(value) if word == "scn" else f"{word}={value}" for word, value in self.world.items()]
         told += [] if self.tested is None else ["flown on", *(f"{value}" for value in self.tested.values())]
@@ -75,7 +75,7 @@ ROWS = {
 
 
 def measured(row: Row, seed: int) -> dict[str, Any]:
-    """What comes of a run."""
+    """Train and test a row with a seed, and return the figures."""
     began = time.process_time()
     worlds = [dict(row.world), dict(row.tested or row.world)]
     home, abroad = (load(world.pop("scn"), **world) for world in worlds)
@@ -91,7 +91,7 @@ def measured(row: Row, seed: int) -> dict[str, Any]:
 
 
 def summary(laps: Any) -> dict[str, Any]:
-    """Means over laps; where nothing is lost, of all steps."""
+    """Return the means of the errors of laps. The error of a lap without a loss is a mean over all its steps."""
     each: list[Lap] = list(laps)
     counted = {"laps": sum(lap.lap for lap in each), "lost": sum(lap.lost for lap in each), "starts": len(each)}
     names = ("error_px", "absolute", "signed")
@@ -99,7 +99,7 @@ def summary(laps: Any) -> dict[str, Any]:
 
 
 def table(task: str, runs: list[dict[str, Any]]) -> str:
-    """The table of a task, Markdown; means and standard deviations over seeds."""
+    """Return the Markdown table of a task, with means and standard deviations over seeds."""
     grouped: dict[tuple[str, int], list[dict[str, Any]]] = {}
     for run in runs:
         grouped.setdefault((run["row"], run["steps"]), []).append(run)
@@ -119,7 +119,7 @@ def table(task: str, runs: list[dict[str, Any]]) -> str:
 
 
 def flown(model: Model, start: Start, noise: int, most: int) -> tuple[Floats, Floats]:
-    """Events in 16 x 16 fields, (n, 16, 16), and lean, (n,), of the moments of a flight."""
+    """Return events in 16 x 16 fields, (steps, 16, 16), and the lean in degrees, (steps,), of a flight."""
     env = Seen(model.scenario, [reset_arguments(start, noise)])
     model.loop(env).test(1, most=most)
     env.close()
@@ -127,7 +127,7 @@ def flown(model: Model, start: Start, noise: int, most: int) -> tuple[Floats, Fl
 
 
 class Seen(Flights):
-    """A flight that keeps events in 16 x 16 fields, and the lean, of each moment."""
+    """A flight that records events in 16 x 16 fields, and the lean, of each control step."""
 
     def _keep(self) -> None:
         events = self.last[-1]["events"]
@@ -143,14 +143,17 @@ class Seen(Flights):
         return answer
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """A control step."""
+        """Make a control step."""
         answer = super().step(action)
         self._keep()
         return answer
 
 
 def inputs(counts: Floats, fields: int, keep: float) -> Floats:
-    """Shares of each row of fields, of a sum of events that keeps so much from step to step, (n, fields^2)."""
+    """Return the share of each field in a leaky sum of events, (steps, fields^2).
+
+    The sum keeps the share `keep` from step to step.
+    """
     n = 16 // fields
     coarse = counts.reshape(len(counts), fields, n, fields, n).sum((2, 4))
     for k in range(1, len(coarse)):
@@ -161,7 +164,10 @@ def inputs(counts: Floats, fields: int, keep: float) -> Floats:
 
 
 def fitted(flights: list[tuple[Floats, Floats]], fields: int, keep: float, only_sides: bool) -> tuple[Any, Any]:
-    """Mean error on the sides, degrees, and the share of a corner's lean that is told, on what was not fitted to."""
+    """Return the mean error on the sides in degrees, and the share of a corner's lean that a read-out finds.
+
+    Both are measured on the flights to which the read-out was not fitted.
+    """
     seen = [(inputs(counts, fields, keep), lean) for counts, lean in flights]
     guesses, truths = [], []
     for fit, test in ((seen[:2], seen[2:]), (seen[2:], seen[:2])):
@@ -178,7 +184,7 @@ def fitted(flights: list[tuple[Floats, Floats]], fields: int, keep: float, only_
 
 
 def read_outs(model: Model, steps: int) -> None:
-    """Print where the lean is lost: what the network flew, and what linear read-outs make of it."""
+    """Print the lean that the network flew, and the errors of linear read-outs of the lean."""
     flights = [flown(model, start, NOISE + k, steps) for k, start in enumerate(STARTS)]
     leans = np.abs(np.concatenate([lean for _, lean in flights]))
     corner = leans > CORNER
@@ -192,7 +198,7 @@ def read_outs(model: Model, steps: int) -> None:
 
 
 def main() -> None:
-    """Do what is missing."""
+    """Run the missing trainings and write the tables."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--out", type=Path)
     options.add_argument("--lean", type=Path, metavar="MODEL", help="of this network trained on the line instead")

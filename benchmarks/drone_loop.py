@@ -1,27 +1,27 @@
-"""The drone's loop without a host: it learns by its own dopamine, and the controls that must fail.
+"""The drone's loop without a host, which learns by its own dopamine, and controls that must fail.
 
     python benchmarks/drone_loop.py [--steps 60000] [--seeds 0 1 2 3 4] [--starts 5] [--backend event]
         [--only NAME ...] [--curve STEPS] [--lesions NAME ...] [--repair 60000] [--chips NAME ...]
         [--set NAME=VALUE ...] [--json FILE]
 
-The network is `neuro_models/loop.yaml`. After the training its weights are frozen and its babbling neurons are cut off,
-and it flies one lap of B60 from each of starts x starts places on varied paths, as `neuro drone test` does. The figure
+The network is `neuro_models/loop.yaml`. After the training its weights are frozen and its babbling neurons are cut off.
+Then it flies one lap of B60 from each of starts x starts places on varied paths, as `neuro drone test` does. The figure
 is the mean distance of the ball from the middle, px. Controls:
 
-- late dopamine: motors and critic hear the dopaminergic neurons 5 s late
-- reward elsewhere: the reward neurons see the fields at one side in place of the middle
-- no critic: its synapses onto the dopaminergic neurons have weight 0
+- late dopamine: spikes of the dopaminergic neurons reach motors and critic 5 s late
+- reward elsewhere: the reward neurons see the fields at one side instead of the middle
+- no critic: the synapses of the critic onto the dopaminergic neurons have weight 0
 - frozen: nothing is learnt
-- exact error: `neuro_models/drone.yaml` in its place, taught by the signed error
-- pid: the controller `Pid` of `drone_motors.py`, which learns nothing
+- exact error: the network is `neuro_models/drone.yaml`, which is taught by the signed error
+- pid: the controller is `Pid` of `drone_motors.py`, which does not learn
 
-With --lesions what has been learnt is damaged: 20 % of the synapses onto the motors are cut for good (cut), one motor
-is mirrored, or all are turned by 45 degrees, as if the camera had turned. It flies so at once (repair of 0 steps), and
-again after each --curve steps of learning on, up to --repair. Babbling is as in the training, or what --set says.
-With --chips each row tells what a control step of learning and one of flight take there.
+`--lesions` damages a trained network: 20 % of the synapses onto the motors are cut for good (cut), one motor is
+mirrored, or all motors are turned by 45 degrees, as if the camera had turned. The network flies at once (repair of 0
+steps), and again after each --curve steps of further learning, up to --repair. Babbling is as in the training, or as
+--set says. With --chips each row has the energy of a control step on these chips, with learning and in flight.
 
 A row of `loop.yaml` has two figures of the learnt weights onto the motors, pA, mean of both axes. Common is the mean of
-all. Difference is half of what the right motor has above the wrong one, mean of the fields beside the middle.
+all weights. Difference is half of what the right motor has above the wrong one, mean of the fields beside the middle.
 """
 
 from __future__ import annotations
@@ -49,21 +49,21 @@ from neuro_drone.scenario import load
 
 Weights = dict[str, Any]
 Left = dict[str, npt.NDArray[np.bool_]]
-"""For each projection onto the motors whether a synapse is left, (sources, targets)."""
+"""Masks of the synapses that a lesion left, (sources, targets), by projection onto the motors."""
 EXACT = "exact error"
 PID = "pid"
 CONTROLS = ("loop", "late dopamine", "reward elsewhere", "no critic", "frozen", EXACT, PID)
 ONTO_MOTORS = {"columns_motors_x": (15, 2), "rows_motors_y": (15, 2), "cells_motors": (64, 4)}
-"""Sources and targets of the projections that lesions cut, of both networks."""
+"""Numbers of sources and targets of the projections that lesions cut, in both networks."""
 EPISODE, STEP = 100, 50.0
-"""Control steps of an episode of training, and ms of a control step, as in both files."""
+"""Number of control steps of an episode of training, and duration of a control step in ms, as in both networks."""
 CUT = 0.2
 LESIONS: dict[str, dict[str, Any]] = {
     "cut": {},
     "mirrored": {"motors": {"mirror": True}},
     "turned": {"motors": {"angle": 45}},
 }
-"""What each lesion changes in the world; `cut` changes the network."""
+"""Settings of the world that each lesion changes. `cut` changes the network instead."""
 
 
 def network(control: str = "loop", left: Left | None = None, **parameters: float) -> neuro.Network:
@@ -71,8 +71,8 @@ def network(control: str = "loop", left: Left | None = None, **parameters: float
 
     Args:
         control: one of `CONTROLS`.
-        left: synapses that a lesion left, all if None.
-        **parameters: of the file, in place of its own.
+        left: synapses that a lesion left, or None for all.
+        **parameters: parameters that replace those of the file.
 
     Raises:
         ModelError: the file has no such parameter.
@@ -111,7 +111,7 @@ def network(control: str = "loop", left: Left | None = None, **parameters: float
 
 
 def joules(loop: neuro.ClosedLoop, chip: str) -> str:
-    """Return what a control step took on a chip, mean since the network was at time 0."""
+    """Return the energy of a control step on a chip, as a mean since time 0 of the network."""
     bill = loop.sim.energy(chip).per(round(loop.sim.time / STEP), "control step")
     return f"{chip}: {' | '.join(bill.cells())}"
 
@@ -122,7 +122,7 @@ def fly(
     """Fly a network with frozen weights, one lap from each of starts x starts places of a world with a change.
 
     Returns:
-        the laps, and what a control step of the last one took on each chip.
+        the laps, and the energy of a control step of the last lap on each chip.
     """
     learnt = neuro.closed_loop(network)
     learnt.pilot.put({"learnt": weights})
@@ -134,7 +134,7 @@ def fly(
 def fly_laps(
     make: Callable[[Flights], neuro.ClosedLoop], starts: int, **change: Any
 ) -> tuple[FlightTest, neuro.ClosedLoop]:
-    """Fly one lap from each of starts x starts places of a world with a change; return the laps and the loop."""
+    """Fly one lap from each of starts x starts places of a world with a change. Return the laps and the loop."""
     scenario = load("B60", **change)
     places = grid(scenario, starts)
     env = Flights(scenario, (reset_arguments(place, index) for index, place in enumerate(places)))
@@ -145,7 +145,7 @@ def fly_laps(
 
 
 def damaged(lesion: str, control: str, weights: Weights, seed: int) -> tuple[Left | None, Weights]:
-    """Return the synapses that a lesion leaves, None for all, and their weights."""
+    """Return the synapses that a lesion leaves, or None for all, and their weights."""
     if lesion != "cut":
         return None, weights
     rng = np.random.default_rng([seed, 11])

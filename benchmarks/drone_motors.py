@@ -1,14 +1,14 @@
-"""The ball's drone with motors that are mirrored, turned and of unknown gain: who still follows, and who has to learn.
+"""Controllers that follow the ball with motors that are mirrored, turned and of unknown gain.
 
     python benchmarks/drone_motors.py [--motors 25] [--first 101] [--steps 60000] [--only NAME ...] [--roll] [--change]
         [--json FILE]
 
-Motors are drawn for each number from --first on: mirrored or not, turned by any angle, a gain of 0.5 to 2. With --roll
-the camera is turned by any angle, too. Controllers that learn get the same control steps for each of them. Then all fly
-the same 9 laps, frozen, from starts and on paths of the test. With --change the gain doubles or halves in the middle of
-each of these laps. The spiking agent and its twin see the mean place of the events, as `centroid` does, and their last
-commands. The figure is the mean distance of the ball from the middle, px; a lap in which the ball is lost counts as
-LOST px.
+Motors are drawn for each number from --first on: mirrored or not, turned by any angle, with a gain of 0.5 to 2. With
+--roll the camera is turned by any angle, too. Controllers that learn get the same number of control steps for all
+motors. Then all controllers fly the same 9 laps with frozen weights, from the starts and on the paths of the test. With
+--change the gain doubles or halves in the middle of each lap. The spiking agent and its twin see the mean place of the
+events, as `centroid` does, and their last commands. The figure is the mean distance of the ball from the middle, px. A
+lap in which the ball is lost counts as LOST px.
 """
 
 from __future__ import annotations
@@ -46,25 +46,28 @@ AGENT = {
 }
 """Settings of the spiking agent and its twin, chosen on motors 1 to 12."""
 EPISODE = 100
-"""Control steps of an episode of training at most, as in `neuro_drone.train`: many begin far from the middle."""
+"""Largest number of control steps of an episode of training, as in `neuro_drone.train`.
+
+With short episodes, many episodes begin far from the middle.
+"""
 KEPT = 0.6
-"""What is left of a command in the next control step: about as the drone keeps its speed."""
+"""Share of a command that is left in the next control step. The drone keeps about the same share of its speed."""
 HALF = 1000
-"""Control steps of half a lap."""
+"""Number of control steps of half a lap."""
 
 
 class Pid:
-    """A PID controller on the mean place of the events; gains by hand on motors that do as commanded."""
+    """A PID controller on the mean place of the events. Its gains were chosen by hand with unchanged motors."""
 
     def __init__(self, p: float = 3.0, i: float = 0.05, d: float = 0.0) -> None:
         self._gains = p, i, d
 
     def begin(self) -> None:
-        """Forget the lap before."""
+        """Forget the last lap."""
         self._sum, self._last = np.zeros(2), np.zeros(2)
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
-        """The command of a control step."""
+        """Return the command of a control step."""
         p, i, d = self._gains
         error = centroid(counts)
         self._sum, change = np.clip(self._sum + error, -1.0, 1.0), error - self._last
@@ -72,20 +75,20 @@ class Pid:
         return np.clip(p * error + i * self._sum + d * change, -1.0, 1.0)
 
     def learn(self, info: Mapping[str, Any]) -> None:
-        """It learns nothing."""
+        """Do nothing, because the controller does not learn."""
 
 
 class Calibrated:
-    """Adaptive control: least squares tell how commands move the events, a matrix of 2 x 2; its inverse steers.
+    """Adaptive control by the inverse of a 2 x 2 matrix, which says how commands move the events.
 
-    It needs no reward and no supervised error.
+    The matrix is fitted by least squares, without reward or supervised error.
     """
 
     def __init__(self, rate: float = 0.1, held: int = 5) -> None:
         self._rate, self._held = rate, held
 
     def calibrate(self, world: Scenario, seed: int, steps: int) -> Calibrated:
-        """Hold commands at random, each for some control steps, and learn where they move the events."""
+        """Give random commands, each for some control steps, and fit the matrix to the moves of the events."""
         env, rng, over = DroneEnv(world), np.random.default_rng([seed, 8]), True
         commands, moves = [], []
         for k in range(steps // self._held):
@@ -105,24 +108,24 @@ class Calibrated:
         return self
 
     def begin(self) -> None:
-        """It keeps nothing."""
+        """Do nothing, because the controller stores nothing about a lap."""
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
-        """The command that brings the events nearer to the middle by a share of their distance in each step."""
+        """Return the command that moves the events towards the middle by a share of their distance in each step."""
         return np.clip(self._steers @ centroid(counts), -1.0, 1.0)
 
     def learn(self, info: Mapping[str, Any]) -> None:
-        """It is frozen."""
+        """Do nothing, because the controller is frozen."""
 
 
 class Senses:
-    """What the agent sees: where the events are, finer near the middle, and the mean of its last commands."""
+    """The observation of the agent: place of the events, finer near the middle, and mean of its last commands."""
 
     def __init__(self) -> None:
         self.place, self.commands = np.zeros(2), np.zeros(2)
 
     def see(self, counts: npt.NDArray[Any], command: Floats) -> Floats:
-        """Where there are no events the last place stays."""
+        """Return the observation of a control step. Without events the last place stays."""
         at = centroid(counts)
         self.place = np.sign(at) * np.sqrt(np.abs(at)) if counts.any() else self.place
         self.commands = KEPT * self.commands + (1.0 - KEPT) * command
@@ -130,7 +133,7 @@ class Senses:
 
 
 class Seen(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """The drone's environment as the agent sees it; the reward is by how much the root of the distance has fallen."""
+    """The drone's environment as the agent sees it. The reward is the decrease of the root of the distance."""
 
     def __init__(self, env: DroneEnv) -> None:
         super().__init__(env)
@@ -143,7 +146,7 @@ class Seen(gymnasium.Wrapper[Any, Any, Any, Any]):
         return self._senses.see(info["counts"], np.zeros(2)), info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """A control step."""
+        """Make a control step."""
         _, _, ended, cut, info = self.env.step(action)
         before, self._root = self._root, root(info)
         self._steps += 1
@@ -152,44 +155,44 @@ class Seen(gymnasium.Wrapper[Any, Any, Any, Any]):
 
 
 def root(info: Mapping[str, Any]) -> float:
-    """Of the distance, 1 at LOST px."""
+    """Return the root of the distance of the ball, which is 1 at LOST px."""
     return float(np.sqrt(min(1.0, info["error_px"] / LOST)))
 
 
 class Flies:
-    """A frozen agent as a controller of the drone."""
+    """A controller of the drone by a frozen agent."""
 
     def __init__(self, agent: ActorCritic) -> None:
         self._agent, self._frozen = agent, agent.frozen(1)
 
     def begin(self) -> None:
-        """Forget the lap before."""
+        """Forget the last lap."""
         self._senses, self._command = Senses(), np.zeros(2)
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
-        """The command of a control step."""
+        """Return the command of a control step."""
         seen = self._senses.see(counts, self._command)
         self._command = self._agent.actions.of(self._frozen.decide(seen[None]))[0]
         return self._command
 
     def learn(self, info: Mapping[str, Any]) -> None:
-        """It is frozen."""
+        """Do nothing, because the controller is frozen."""
 
 
 def motors(number: int) -> dict[str, Any]:
-    """Those of a number, as words of a scenario."""
+    """Return the motors of a number, as settings of a scenario."""
     rng = np.random.default_rng([number, 7])
     mirror, angle, gain = bool(rng.integers(2)), float(rng.uniform(-180.0, 180.0)), float(2.0 ** rng.uniform(-1.0, 1.0))
     return {"mirror": mirror, "angle": round(angle, 1), "gain": round(gain, 3)}
 
 
 def turned(number: int) -> float:
-    """By how many degrees the camera of a number is turned."""
+    """Return the angle in degrees by which the camera of a number is turned."""
     return round(float(np.random.default_rng([number, 9]).uniform(-180.0, 180.0)), 1)
 
 
 class Changing(Flights):
-    """Laps in which the motors' gain changes by a factor in the middle."""
+    """Laps in which the gain of the motors changes by a factor in the middle."""
 
     def __init__(self, world: Scenario, factor: float, starts: Sequence[Start]) -> None:
         super().__init__(world, [reset_arguments(start, index) for index, start in enumerate(starts)])
@@ -201,7 +204,7 @@ class Changing(Flights):
         return super().reset(**words)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """A control step."""
+        """Make a control step."""
         self._flown += 1
         if self._flown == HALF:
             self.scenario = self._after
@@ -209,7 +212,7 @@ class Changing(Flights):
 
 
 def controller(name: str, world: Scenario, seed: int, steps: int) -> Any:
-    """One that has learnt for so many steps, if it learns: a controller, or a model."""
+    """Return a controller or a model. If it learns, it has learnt for a number of steps."""
     if name == "pid":
         return Pid()
     if name == "calibrated":
@@ -224,7 +227,7 @@ def controller(name: str, world: Scenario, seed: int, steps: int) -> Any:
 
 
 def error_px(name: str, world: Scenario, seed: int, steps: int, change: bool) -> float:
-    """The mean distance in the test's laps."""
+    """Return the mean distance of the ball from the middle in the laps of the test, px."""
     flies = controller(name, world, seed, steps)
     starts = grid(world, 3)
     env = Changing(world, (2.0 if seed % 2 else 0.5) if change else 1.0, starts)
@@ -234,7 +237,7 @@ def error_px(name: str, world: Scenario, seed: int, steps: int, change: bool) ->
 
 
 def main() -> None:
-    """Fly all and print a line for each of the motors, then one for each controller, the best first."""
+    """Fly all controllers. Print a line for each number of motors, then a line for each controller, the best first."""
     names = ("centroid", "pid", "lms", "snn", "agent", "twin", "random-search", "calibrated")
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--motors", type=int, default=25)

@@ -1,21 +1,20 @@
-"""What learns from the reward, with the same budget for each: `nice python benchmarks/drone_rl.py --out FOLDER`.
+"""Agents that learn from the reward, with equal budgets: `nice python benchmarks/drone_rl.py --out FOLDER`.
 
 DQN, DDPG, PPO (stable-baselines3) and a linear policy by random search, on the ball (B60) or the line:
 
-1. Tries: 12 settings of each, see drone_rl.yaml, v_max among them; 20,000 steps, seed 100. The best is the one with
-   the most laps from a grid of 3 x 3 starts within 50 px (line: the test's own spread), then the fewest starts from
-   which the target was lost, then the smallest error. Neither these starts nor the paths of these laps are those of the
-   final test.
-2. Finals: the best settings, 150,000 steps, seeds 0 to 4. The test is that of `neuro drone test`: frozen, 25 starts,
-   varied paths; and once more with `--path fixed`.
+1. Tries: 12 settings of each agent (drone_rl.yaml), v_max among them, with 20,000 steps and seed 100. The best try has
+   the most laps from a grid of 3 x 3 starts within 50 px (line: the spread of its test), then the fewest starts from
+   which the target was lost, then the smallest error. These starts and paths differ from those of the final test.
+2. Finals: the best settings with 150,000 steps and seeds 0 to 4. The test is `neuro drone test` (frozen, 25 starts,
+   varied paths), and once more with `--path fixed`.
 
-Training begins within 50 px, as everywhere. `lms` and `snn` stand beside them with their defaults and 20,000 steps:
-they learn from the supervised error, so that their steps cannot be compared with the others'. Their settings were
-chosen earlier, on B60, from more tries than these.
+All trainings begin within 50 px. `lms` and `snn` are shown for comparison, with their defaults and 20,000 steps. They
+learn from the supervised error, so their steps cannot be compared with those of the others. Their settings were chosen
+earlier on B60, from more tries.
 
-Each run keeps its model and its result in the folder; a second start goes on, also within a run. The table of all
-runs is written to FOLDER/table.md. `--minutes` begins no run later than that; `--table` runs nothing and prints a row
-for each agent.
+Model and result of each run are stored in the folder, so the benchmark can be continued, also within a run. The table
+of all runs is written to FOLDER/table.md. No run begins after `--minutes`. `--table` runs nothing and prints a row for
+each agent.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ BESIDE, BESIDE_STEPS = ("lms", "snn"), 20_000
 TASKS = ("B60", "line")
 
 TRIES: dict[str, list[dict[str, Any]]] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text("utf-8"))
-"""Twelve settings of each agent."""
+"""Twelve settings of each agent, by agent."""
 
 
 @dataclass(frozen=True)
@@ -65,13 +64,13 @@ class Run:
         return f"{self.task}-{self.agent}-{self.stage}-{self.steps}-{self.seed}"
 
     def train(self, file: Path) -> Model:
-        """Train, or go on."""
+        """Train the model, or continue its training."""
         own = {name: value for name, value in self.settings.items() if "." not in name}
         world = {name: value for name, value in self.settings.items() if "." in name}
         return train(load(self.task, **world), self.agent, steps=self.steps, seed=self.seed, settings=own, out=file)
 
     def test(self, model: Model) -> dict[str, Any]:
-        """Figures of the stage's test."""
+        """Return the figures of the test of this stage."""
         if self.stage != "final":
             places = grid(model.scenario, TRY_GRID, TRY_SPREAD[self.task], FlightCourse(seed=TRY_TEST))
             return figures(try_out(model, starts=places))
@@ -80,14 +79,14 @@ class Run:
 
 
 class Bench:
-    """All runs, kept in a folder."""
+    """All runs, whose results are stored in a folder."""
 
     def __init__(self, folder: Path, end: float) -> None:
         self.folder, self.end = folder, end
         folder.mkdir(parents=True, exist_ok=True)
 
     def result(self, run: Run) -> dict[str, Any] | None:
-        """What came of a run; it is done now unless it was before, or the time is over (None)."""
+        """Return the result of a run, which runs now if there is no result yet. Return None if the time is over."""
         file = self.folder / f"{run.name}.json"
         if file.exists() or time.monotonic() <= self.end:
             return kept(file, lambda: self._done(run, file))
@@ -104,14 +103,14 @@ class Bench:
         return told
 
     def best(self, task: str, agent: str) -> dict[str, Any] | None:
-        """The settings of the best try; None where the time did not suffice."""
+        """Return the settings of the best try, or None if the time was over before all tries ended."""
         runs = (Run(task, agent, f"try{k:02}", TRY_SEED, TRY_STEPS, one) for k, one in enumerate(TRIES[agent]))
         found = [self.result(run) for run in runs]
         self.write()
         return min((one for one in found if one), key=_rank)["settings"] if all(found) else None
 
     def found(self) -> Iterator[dict[str, Any]]:
-        """All results so far."""
+        """Yield all results so far."""
         return (json.loads(file.read_text()) for file in sorted(self.folder.glob("*.json")))
 
     def write(self) -> None:
@@ -133,7 +132,7 @@ class Bench:
         (self.folder / "table.md").write_text(markdown(columns, rows))
 
     def summary(self, tasks: list[str]) -> str:
-        """A row for each agent, of what is there: its best try, and its finals with the settings of that."""
+        """Return a table of the results so far. Each agent has a row with its best try and with its finals."""
         heads = (
             "task", "agent", "settings", "tries", "median", "best try", "laps", "finals", "varied paths", "laps",
             "fixed path", "laps", "CPU of a final, s",
@@ -158,7 +157,7 @@ def _row(task: str, agent: str, found: list[dict[str, Any]]) -> tuple[Any, ...]:
 
 
 def main() -> None:
-    """Run what is missing."""
+    """Run the missing trainings and tests."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--out", type=Path, required=True)
     options.add_argument("--tasks", nargs="+", choices=TASKS, default=["B60"])
@@ -172,7 +171,7 @@ def main() -> None:
         return
     for task in asked.tasks:
         best = {agent: bench.best(task, agent) for agent in asked.agents}
-        for agents in (AGENTS[:2], BESIDE, AGENTS[2:]):  # those that take minutes a seed wait for those that do not
+        for agents in (AGENTS[:2], BESIDE, AGENTS[2:]):  # slow agents, which take minutes per seed, come last
             for seed in FINAL_SEEDS:
                 for agent in agents:
                     if agent in BESIDE:
@@ -183,7 +182,10 @@ def main() -> None:
 
 
 def figures(tried: FlightTest) -> dict[str, Any]:
-    """Error, of a line on both axes without moments at which none was to be seen; laps; starts that lost the target."""
+    """Return the figures of a test: errors, laps, and the number of starts from which the target was lost.
+
+    `absolute` has the errors on both axes, without moments at which no line was visible.
+    """
     seen = [lap.track[np.isfinite(lap.track).all(axis=1)] for lap in tried.each]
     absolute = np.mean([np.abs(track).mean(axis=0) for track in seen], axis=0).tolist()
     lost = sum(lap.lost for lap in tried.each)
@@ -191,7 +193,7 @@ def figures(tried: FlightTest) -> dict[str, Any]:
 
 
 def _median(task: str, runs: list[dict[str, Any]]) -> str:
-    """Of the error, of a line that of the column."""
+    """Return the median of the error as text. On a line it is the error of the column."""
     errors = [run["absolute"][0] if task == "line" else run["error_px"] for run in runs]
     return f"{np.median(errors):.2f} px" if errors else ""
 

@@ -1,12 +1,13 @@
-"""Accuracy of what learnt from few recordings: `python benchmarks/few_recordings.py --out FOLDER`.
+"""Accuracy after learning from few recordings: `python benchmarks/few_recordings.py --out FOLDER`.
 
-Each draw holds a fifth of the recordings back, the same for all ways of learning, and of the others takes the first 1,
-5, 10 and 30 of each class, then all. Gradients make the same number of steps of learning however few recordings there
-are; ReMuS is shown each recording 8 times, and, as a row of its own, as often as makes the same number of showings.
+Each draw holds out a fifth of the recordings, the same for all ways of learning. Of the others, the first 1, 5, 10 and
+30 of each class are learnt, then all. Learning by gradients makes the same number of steps with any number of
+recordings. ReMuS sees each recording 8 times; in a further row the number of showings is the same for all numbers of
+recordings.
 
-FOLDER/accuracy.jsonl has a line for each training; what is there is not done again. Then it prints tables and draws
-FOLDER/few_recordings.png. `--joules` prices learning and deciding on Loihi instead, see `priced`: it writes
-FOLDER/joules.json and prints it.
+FOLDER/accuracy.jsonl has a line for each training, and no training is repeated. At the end the program prints tables
+and draws FOLDER/few_recordings.png. `--joules` instead computes the energy of learning and deciding on Loihi, see
+`priced`, writes it to FOLDER/joules.json and prints it.
 """
 
 from __future__ import annotations
@@ -54,16 +55,16 @@ if TYPE_CHECKING:
 Ints = npt.NDArray[np.int64]
 
 ALL = 0
-"""Of a class: as many as there are."""
+"""Size that means all recordings of a class."""
 SIZES = (1, 5, 10, 30, ALL)
 LONG = (1, 5, 10)
-"""Sizes of which 1600 showings are more than 8 epochs."""
+"""Sizes at which 1600 showings are more than 8 epochs."""
 FOLDS = 5
-"""Of which the first is held back."""
+"""Number of folds, of which the first is held out."""
 BATCH, STEPS, SHOWINGS = 20, 1200, 1600
-"""Recordings in a batch; steps of learning by gradients: of 30 epochs of 800; showings of recordings to ReMuS."""
+"""Recordings in a batch; steps of learning by gradients, as in 30 epochs of 800; showings of recordings to ReMuS."""
 PLAN = TrainingPlan(input="pixels", output="out", duration=105.0, shift=2, warp=0.15, decay=0.1, batch=BATCH)
-"""Of docs/how-to/train.md, without a chip's grid."""
+"""The plan of docs/how-to/train.md, without the grid of a chip."""
 WAYS = {
     "hats": ("HATS", "#0072B2"),
     "gradients": ("gradients, 2312-128-10", "#D55E00"),
@@ -71,39 +72,39 @@ WAYS = {
     "remus_long": ("ReMuS, 1600 showings", "#56B4E9"),
 }
 PER_CLASS = 30
-"""Recordings of each class that are learnt from."""
+"""Number of recordings of each class that are learnt, for the energy."""
 TESTED = 100
-"""Recordings that deciding is the mean of."""
+"""Number of recordings over which the energy of deciding is averaged."""
 INK, GREY, PAPER = "#17263c", "#8a94a3", "#fbfaf7"
 
 
 @dataclass(frozen=True, slots=True)
 class Learnt:
-    """Which of the held-out recordings were decided rightly, and seconds of a core that learning took."""
+    """Masks of the held-out recordings that were decided rightly, and CPU time of learning in s."""
 
     right: npt.NDArray[np.bool_]
     cpu_s: float
 
 
 class Bench:
-    """The recordings as each way sees them, looked at when first asked for."""
+    """The recordings in the form that each way of learning needs, computed on first use."""
 
     def __init__(self, data: Recordings) -> None:
         self.data = data
 
     @cached_property
     def remus(self) -> tuple[Any, Any]:
-        """The method and what the recordings show to it."""
+        """Return the method ReMuS and its features of the recordings."""
         return self._observed("remus")
 
     @cached_property
     def hats(self) -> tuple[Any, Any]:
-        """Likewise."""
+        """Return the method HATS and its features of the recordings."""
         return self._observed("hats")
 
     @cached_property
     def dense(self) -> tuple[neuro.Network, Any]:
-        """The network that learns by gradients, and what it is shown."""
+        """Return the network that learns by gradients, and its inputs."""
         net = neuro.load(network_path("dense"))
         return net, show(net, self.data, PLAN, lambda what, done, n: None)
 
@@ -112,7 +113,7 @@ class Bench:
         return method, observe(method, self.data)
 
     def learnt(self, way: str, rows: Ints, held: Ints, seed: int) -> Learnt:
-        """Learn from some recordings, and decide on others."""
+        """Learn from the recordings `rows`, and decide the recordings `held`."""
         if way == "gradients":
             return self._by_gradients(rows, held, seed)
         method, shown = self.hats if way == "hats" else self.remus
@@ -133,18 +134,21 @@ class Bench:
 
 
 def plan_of(recordings: int, seed: int, **changes: Any) -> TrainingPlan:
-    """The training by gradients that makes `STEPS` steps, as near as whole epochs allow."""
+    """Return the plan of a training by gradients with about `STEPS` steps, in whole epochs."""
     words = PLAN.as_words() | {"epochs": round(STEPS / math.ceil(recordings / BATCH)), "seed": seed} | changes
     return TrainingPlan(**words)
 
 
 def showings_epochs(recordings: int) -> int:
-    """Epochs in which ReMuS is shown `SHOWINGS` recordings, as near as whole epochs allow."""
+    """Return the number of epochs in which ReMuS sees about `SHOWINGS` recordings."""
     return max(1, round(SHOWINGS / recordings))
 
 
 def split(data: Recordings, per_class: int, draw: int) -> tuple[Ints, Ints]:
-    """Recordings to learn from and those held back; a draw's smaller sets are part of its larger ones."""
+    """Return the recordings to learn from and the held-out recordings.
+
+    A smaller set of a draw is part of the larger sets of the draw.
+    """
     pool, held = data.folds(FOLDS, seed=draw)[0]
     order = np.random.default_rng([draw, 17]).permutation(pool)
     if per_class == ALL:
@@ -154,7 +158,7 @@ def split(data: Recordings, per_class: int, draw: int) -> tuple[Ints, Ints]:
 
 
 def lines(file: Path) -> list[dict[str, Any]]:
-    """What is measured; a line that a kill cut off is none."""
+    """Return the measured lines of a file, without a last line that was cut off when the process was killed."""
     found = []
     for text in file.read_text("utf-8").splitlines() if file.exists() else ():
         try:
@@ -165,7 +169,7 @@ def lines(file: Path) -> list[dict[str, Any]]:
 
 
 def measured(bench: Bench, file: Path, draws: int, ways: tuple[str, ...]) -> list[dict[str, Any]]:
-    """All lines, those that were missing measured now, draw by draw."""
+    """Return all lines. Missing lines are measured now, draw by draw."""
     done = {(one["way"], one["per_class"], one["draw"]) for one in lines(file)}
     for per_class, draw, way in jobs(draws, ways):
         if (way, per_class, draw) in done:
@@ -183,24 +187,27 @@ def measured(bench: Bench, file: Path, draws: int, ways: tuple[str, ...]) -> lis
 
 
 def jobs(draws: int, ways: tuple[str, ...]) -> Iterator[tuple[int, int, str]]:
-    """Size, draw and way of each training: those of all recordings, which take longest, come last."""
+    """Yield size, draw and way of each training. Trainings with all recordings take longest and come last."""
     for some in (SIZES[:-1], SIZES[-1:]):
         for draw in range(draws):
             yield from ((size, draw, way) for size in some for way in ways if way != "remus_long" or size in LONG)
 
 
 def _cut(file: Path) -> bool:
-    """Whether the last line has no end."""
+    """Return True if the last line of a file has no newline."""
     return file.stat().st_size > 0 and not file.read_bytes().endswith(b"\n")
 
 
 def spread(shares: npt.NDArray[np.float64]) -> tuple[float, float, float]:
-    """Mean, lowest and highest of the draws: of three, an interval by Student's t would tell little more."""
+    """Return mean, lowest and highest of the draws.
+
+    With three draws, an interval by Student's t would say little more.
+    """
     return float(shares.mean()), float(shares.min()), float(shares.max())
 
 
 def points(found: list[dict[str, Any]], way: str) -> Iterator[tuple[int, float, float, float, float]]:
-    """Of each size: recordings a class on the mean, mean accuracy, its lowest and its highest, CPU s."""
+    """Yield for each size: mean number of recordings per class, mean, lowest and highest accuracy, CPU s."""
     for size in SIZES:
         some = [one for one in found if one["way"] == way and one["per_class"] == size]
         if some:
@@ -210,14 +217,14 @@ def points(found: list[dict[str, Any]], way: str) -> Iterator[tuple[int, float, 
 
 
 def drawn(found: list[dict[str, Any]]) -> Figure:
-    """Accuracy against recordings a class, a line for each way of learning."""
+    """Draw the accuracy against recordings per class, with a line for each way of learning."""
     figure = Figure(figsize=(8.0, 4.6), dpi=140, layout="constrained", facecolor=PAPER)
     axis = figure.subplots()
     axis.set_facecolor(PAPER)
     for place, (way, (name, colour)) in enumerate(WAYS.items()):
         at = np.array(list(points(found, way)))
         if len(at):
-            shift = 1.0 + 0.02 * (place - 1.5)  # bars beside each other
+            shift = 1.0 + 0.02 * (place - 1.5)  # so that error bars are beside each other
             ends = 100 * np.abs(at[:, 2:4] - at[:, 1:2]).T
             axis.errorbar(at[:, 0] * shift, 100 * at[:, 1], ends, color=colour, marker="o", capsize=3, label=name)
     axis.set_xscale("log")
@@ -237,7 +244,7 @@ def drawn(found: list[dict[str, Any]]) -> Figure:
 
 
 def table_of(found: list[dict[str, Any]], word: Callable[..., str], title: str) -> Any:
-    """A table of all ways and sizes."""
+    """Return a table of all ways and sizes."""
     columns = ("way", *(f">{size or 'all'} a class" for size in SIZES))
     rows = []
     for way in WAYS:
@@ -247,9 +254,9 @@ def table_of(found: list[dict[str, Any]], word: Callable[..., str], title: str) 
 
 
 def priced(bench: Bench, steps: int) -> dict[str, Any]:
-    """What learning and deciding take on Loihi: of ReMuS a recording, of the drone's network a control step.
+    """Return the energy of learning and deciding on Loihi: ReMuS by recording, the drone's network by control step.
 
-    The host writes the weights of ReMuS; the drone's network learns by the chip's own learning engine.
+    The host writes the weights of ReMuS. The drone's network learns by the learning engine of the chip.
     """
     rows, held = split(bench.data, PER_CLASS, 0)
     method, shown = bench.remus
@@ -257,7 +264,7 @@ def priced(bench: Bench, steps: int) -> dict[str, Any]:
 
 
 def of_remus(method: Framewise, learning: Features, held: Features, seed: int) -> dict[str, Any]:
-    """Joules on Loihi of a recording that is learnt from, mean of all epochs, and of one that is decided."""
+    """Return joules on Loihi per learnt recording, as a mean of all epochs, and per decided recording."""
     net = method.layer.network(method.inputs, len(learning.classes))
     sim, frames = neuro.compile(net, seed=seed), Frames.of(learning)
     told, parts = method.encoder.learn(frames.codes), []
@@ -278,7 +285,7 @@ def of_remus(method: Framewise, learning: Features, held: Features, seed: int) -
 
 
 def of_drone(steps: int) -> dict[str, Any]:
-    """Joules on Loihi of a control step, while its engine learns and with weights frozen."""
+    """Return joules on Loihi per control step, while its engine learns and with frozen weights."""
     model = train(load("B60"), "snn-loihi", steps=steps, seed=0)
     return {"learning": _flown(model, True), "deciding": _flown(model, False)}
 
@@ -293,7 +300,7 @@ def _flown(model: Model, learns: bool) -> dict[str, Any]:
 
 
 def in_words(bill: Energy) -> dict[str, Any]:
-    """Sums of a bill at both clocks, and counts by what they are of; what has no published figure is counted only."""
+    """Return the sums of a bill at both clocks, and its counts by name, also counts without a published figure."""
     counts: dict[str, float] = {}
     unpriced = set()
     for item in bill.items:
@@ -309,7 +316,7 @@ def in_words(bill: Energy) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measure, print and draw."""
+    """Measure, print the tables and draw the figure."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--data", type=Path, default=NMNIST)
     options.add_argument("--out", type=Path, required=True)

@@ -1,10 +1,11 @@
-"""Growth of time and memory with each size of a network and of its data, over three decades.
+"""Growth of time and memory with the sizes of a network and of its data, over three decades.
 
     python benchmarks/growth.py [--only LINE ...] [--json FILE]
 
 Each size is measured in a process of its own, after the same work at the smallest size, which compiles the kernels.
-Seconds are those of the processor. Memory is the peak above that of the smallest size. A slope is that of the last
-decade on logarithmic axes: 1 is linear. A line whose largest size takes less than 0.05 s, or 10 MB, has no slope.
+Time is processor time. Memory is the peak above the peak at the smallest size. A slope is the slope of the last decade
+on logarithmic axes, so a slope of 1 is linear growth. A line whose largest size takes less than 0.05 s, or 10 MB, has
+no slope.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ import neuro
 from neuro.apps import mistakes
 
 LEAST_S, LEAST_MB = 0.05, 10.0
-"""Time and memory below which a slope would be that of noise."""
+"""Time and memory below which a slope would mainly show noise."""
 
 Work = Callable[[], Any]
 """The part of a measurement that is timed."""
@@ -60,7 +61,7 @@ def plastic(n: int, folder: Path) -> Work:
 
 
 def checked(n: int, folder: Path) -> Work:
-    """Check a file of n populations that nothing connects."""
+    """Check a file of n populations without projections."""
     file = folder / f"growth{n}.yaml"
     lines = "".join(f"  p{k}: {{shape: 1, model: iaf_psc_exp}}\n" for k in range(n))
     file.write_text(f"neuro: 1\npopulations:\n{lines}")
@@ -161,7 +162,7 @@ def peak_mb() -> float:
 
 
 def measure(line: str, size: int) -> tuple[float, float]:
-    """Return seconds of the processor and MB above the smallest size, of one size in this process."""
+    """Measure one size in this process. Return processor time in s, and memory in MB above the smallest size."""
     prepare, sizes = LINES[line]
     with tempfile.TemporaryDirectory() as folder:
         prepare(sizes[0], Path(folder))()
@@ -173,7 +174,7 @@ def measure(line: str, size: int) -> tuple[float, float]:
 
 
 def slope(values: list[float], sizes: tuple[int, ...], least: float) -> float | None:
-    """Return the slope of the last decade, or None if its values are too small to tell."""
+    """Return the slope of the last decade, or None if its values are too small."""
     if values[-1] < least or values[-2] <= 0.0:
         return None
     return math.log(values[-1] / values[-2]) / math.log(sizes[-1] / sizes[-2])

@@ -2,10 +2,10 @@
 
     python benchmarks/joules_to_learn.py FOLDER [--seeds 101-105]
 
-Runs `neuro energy cartpole --until 475` and `neuro agent energy CartPole-v1 --until 475` for each seed and prints the
-means. FOLDER keeps the bills, and a run that is there is not done again.
+The script runs `neuro energy cartpole --until 475` and `neuro agent energy CartPole-v1 --until 475` for each seed, and
+prints the means. The bills are stored in FOLDER, and no run is repeated.
 
-Beside the bills, the agent is counted as a program that computes only where a spike is (`EVENT`), on the processors.
+Further rows have the energy on processors of a program that only computes where there is a spike (`EVENT`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ COMMANDS = {
     "ppo": "neuro agent energy CartPole-v1 --until 475 --chips cpu,gpu,arm",
 }
 STEP = 20
-"""Steps of the network in a control step: so often a signal teaches."""
+"""Number of steps of the network in a control step, after which a signal teaches."""
 EVENT = {
     "synaptic_op": 1.0,
     "neuron_update_active": 10.0,  # decay of potential and adaptation, input, rate with its exponential, draw
@@ -35,12 +35,12 @@ EVENT = {
     "learning_update": 0.16,  # e += x where there is a trace: 91 of 1,176 places spike in a step, and traces last two
     "signal_update": 2.0 / STEP,  # w += eta n z and z = decay z + e, of every synapse
 }
-"""Multiply-accumulates of each count of a bill, at most, for a program that computes only where a spike is."""
+"""Largest number of multiply-accumulates of each count of a bill, for a program that only computes at spikes."""
 ENDS = ("", "_low", "_high")
 
 
 def bills(folder: Path, who: str, seed: int) -> dict[str, Any]:
-    """The bills of a training, from their file or by the command."""
+    """Return the bills of a training, from their file or from the command."""
     path = folder / f"{who}_{seed}.json"
     if not path.exists():
         command = [*COMMANDS[who].split(), "--seed", str(seed), "--json"]
@@ -51,7 +51,7 @@ def bills(folder: Path, who: str, seed: int) -> dict[str, Any]:
 
 
 def control_steps(run: dict[str, Any]) -> int:
-    """Control steps up to the goal, which must have been reached."""
+    """Return the number of control steps up to the goal, which must have been reached."""
     if "told" not in run or "solved" in run:
         assert run["solved"]
         return int(run["steps"])
@@ -61,26 +61,26 @@ def control_steps(run: dict[str, Any]) -> int:
 
 
 def joules(bill: dict[str, Any], real: bool) -> list[float]:
-    """Best, low and high; of a chip that refuses the network the sum of the lines."""
+    """Return the best, low and high energy of a bill, or the sum of its lines if the chip refuses the network."""
     bill = bill["real_time"] if real else bill
     return [(bill[f"dynamic{end}_j"] or 0.0) + (bill[f"static{end}_j"] or 0.0) for end in ENDS]
 
 
 def by_events(bill: dict[str, Any], target: str) -> list[float]:
-    """Best, low and high of a processor that computes only where a spike is."""
+    """Return the best, low and high energy of a processor that only computes at spikes."""
     macs = {f"{item['what']} {item['of']}": item["count"] * EVENT.get(item["what"], 0.0) for item in bill["items"]}
     priced = dense(macs, target)
     return [priced.total_j, priced.low_j, priced.high_j]
 
 
 def told(each: list[list[float]]) -> str:
-    """Mean of the best, and the means of the ends."""
+    """Return the mean of the best values and the means of both ends of the ranges, as text."""
     best, low, high = np.mean(each, axis=0)
     return f"{quantity(best, 'J', 3)} ({quantity(low, 'J', 3)} to {quantity(high, 'J', 3)})"
 
 
 def main() -> None:
-    """Run what is not there, and print a row for each contestant and target."""
+    """Run the missing trainings, and print a row for each contestant and target."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seeds", default="101-105")

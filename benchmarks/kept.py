@@ -1,4 +1,4 @@
-"""What long benchmarks share: recordings, results that are kept, and figures as tables have them."""
+"""Parts of long benchmarks: paths of recordings, results in files, and figures as text for tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ POKER = SHARED / "poker_dvs" / "poker_dvs_shared_aedat2.zip"
 
 
 def kept(file: Path, found: Callable[[], Any]) -> Any:
-    """What a JSON file has; if it is not there, it is found now and written whole."""
+    """Return the content of a JSON file. If there is no file, call `found` and write its result to the file."""
     if not file.exists():
         unfinished = file.with_suffix(".part")
         unfinished.write_text(json.dumps(found()))
@@ -24,10 +24,10 @@ def kept(file: Path, found: Callable[[], Any]) -> Any:
 
 
 def spread(values: Any) -> str:
-    """Mean and standard deviation."""
+    """Return mean and standard deviation as text."""
     return f"{np.mean(values):.2f}" + (f" ± {np.std(values, ddof=1):.2f}" if len(values) > 1 else "")
 
 
 def markdown(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table."""
+    """Return a Markdown table."""
     return "".join(f"| {' | '.join(map(str, row))} |\n" for row in (heads, ["---"] * len(heads), *rows))

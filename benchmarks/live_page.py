@@ -1,8 +1,8 @@
-"""What a page costs a simulation, and how fluently Chromium shows it: `python benchmarks/live_page.py [--chromium]`.
+"""Slowdown of a simulation by a page, and frame rate of Chromium: `python benchmarks/live_page.py [--chromium]`.
 
-A balanced network of 10,000 neurons runs as fast as it can in stretches of half a second, in turn without a browser
-and with three WebSocket clients, another process, that read 30 times a second. The stretches alternate within one run,
-so what else the machine does hits both kinds; the ratio is that of their medians. With `--chromium` it runs at real
+A balanced network of 10,000 neurons runs as fast as possible in stretches of half a second. Stretches without a client
+alternate with stretches in which three WebSocket clients in another process read 30 times a second. So other programs
+on the machine slow both kinds alike. The figure is the ratio of the medians. With `--chromium` the network runs in real
 time, and the page counts the frames that it draws.
 """
 
@@ -26,7 +26,7 @@ CLIENTS = 3
 
 
 def balanced(size: int = 10_000) -> neuro.Network:
-    """A network that fires at about 10 Hz."""
+    """Return a network that fires at about 10 Hz."""
     cell = neuro.iaf_psc_delta(tau_m=20.0, t_ref=2.0, E_L=0.0, V_reset=10.0, V_th=20.0)
     net = neuro.Network("balanced", resolution=0.1)
     exc, inh = 4 * size // 5, size // 5
@@ -43,7 +43,7 @@ def balanced(size: int = 10_000) -> neuro.Network:
 
 
 def read(url: str, looking: object, frames: object) -> None:
-    """Three clients, which are there while `looking` is set, and count the frames that they have read."""
+    """Connect three clients while `looking` is set, and count the frames that they read."""
     from websockets.asyncio.client import connect
 
     parts = urlsplit(url)
@@ -67,7 +67,7 @@ def read(url: str, looking: object, frames: object) -> None:
 
 
 def slowdown(rounds: int) -> None:
-    """Print how much slower the run is with clients."""
+    """Print the slowdown of the run by clients."""
     sim = neuro.compile(balanced(), seed=1)
     sim.run(200.0)
     looking, frames = multiprocessing.Value("b", 0), multiprocessing.Value("q", 0)
@@ -93,7 +93,7 @@ def slowdown(rounds: int) -> None:
 
 
 def stretch(page: neuro.live.Page, seconds: float) -> tuple[float, float, float]:
-    """Run for a time: ms of the network, seconds on the wall and of the thread."""
+    """Run for `seconds`. Return the simulated ms, the wall time and the time of the thread in s."""
     ms, wall, cpu = page.sim.time, time.perf_counter(), time.thread_time()
     while time.perf_counter() < wall + seconds:
         page.run(page.sim.time + 20.0)
@@ -101,7 +101,7 @@ def stretch(page: neuro.live.Page, seconds: float) -> tuple[float, float, float]
 
 
 def chromium(seconds: float) -> None:
-    """Print how many frames a second Chromium draws of a run in real time."""
+    """Print the number of frames per second that Chromium draws of a run in real time."""
     from selenium import webdriver
     from selenium.webdriver.chrome.options import Options
     from selenium.webdriver.chrome.service import Service

@@ -1,10 +1,10 @@
-"""Time networks of Loihi 2 on the emulated chip: steps a second on one core.
+"""Time networks of Loihi 2 on the emulated chip, in steps per second on one core.
 
     python benchmarks/loihi2.py lif [--steps N]
     python benchmarks/loihi2.py pilotnet [--net FILE] [--steps N]
 
-`benchmarks/loihi2_lava.py` times the same networks with lava's own models; `final` is equal where the last states are.
-Each prints one JSON line.
+`benchmarks/loihi2_lava.py` times the same networks with lava's own models. `final` is equal in both if the last states
+are equal. Each script prints one JSON line.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ PILOTNET = "../shared/reference/loihi2/gts_pilotnet_sdnn_network.net"
 
 
 def recurrent() -> tuple[np.ndarray, np.ndarray]:
-    """Biases, and mantissas [post, pre] of all pairs: the same in both scripts."""
+    """Return biases (neurons,) and mantissas (post, pre) of all pairs. Both scripts have the same."""
     rng = np.random.RandomState(7)
     return rng.randint(0, 4000, NEURONS), 2 * rng.randint(-5, 5, (NEURONS, NEURONS))
 
 
 def image(n: int) -> np.ndarray:
-    """What PilotNet sees."""
+    """Return the n values of the input picture of PilotNet."""
     return np.random.RandomState(7).randint(0, 256, n)
 
 
 def lif() -> neuro.Simulation:
-    """1,000 LIF neurons, each onto each."""
+    """Return 1,000 LIF neurons that are all connected with each other."""
     bias, weights = recurrent()
     net = neuro.Network("lif", resolution=1.0)
     net.population("lif", NEURONS, neuro.loihi2_lif(**LIF, bias_mant=bias.astype(float), bias_exp=4))
@@ -47,7 +47,7 @@ def lif() -> neuro.Simulation:
 
 
 def pilotnet(file: str) -> neuro.Simulation:
-    """PilotNet as sigma-delta neurons, which sees a picture at the first step."""
+    """Return PilotNet with sigma-delta neurons. Its input is a picture at the first step."""
     sim = neuro.compile(neuro.from_netx(file), "loihi2")
     sim.set("input", bias=image(sim.program.populations[0].size).astype(float))
     return sim

@@ -3,7 +3,8 @@
     PYTHON benchmarks/loihi2_lava.py lif [--steps N]
     PYTHON benchmarks/loihi2_lava.py pilotnet [--net FILE] [--steps N]
 
-PYTHON has lava-nc 0.10.0 (on Python 3.10) and h5py. Layers are made as lava-dl's netx makes them. One JSON line.
+PYTHON is an interpreter (Python 3.10) with lava-nc 0.10.0 and h5py. Layers are made as in lava-dl's netx. The script
+prints one JSON line.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ PILOTNET = "../shared/reference/loihi2/gts_pilotnet_sdnn_network.net"
 
 
 def lif() -> tuple[Any, Any]:
-    """1,000 LIF neurons, each onto each; what runs, and the variable to read."""
+    """Return 1,000 LIF neurons that are all connected with each other: the process to run, and the variable to read."""
     rng = np.random.RandomState(7)
     bias, weights = rng.randint(0, 4000, NEURONS), 2 * rng.randint(-5, 5, (NEURONS, NEURONS))
     cells = LIF(shape=(NEURONS,), du=400, dv=200, vth=4000, bias_mant=bias, bias_exp=4)
@@ -41,12 +42,12 @@ def lif() -> tuple[Any, Any]:
 
 
 def arrays(group: Any) -> dict[str, np.ndarray]:
-    """The arrays and numbers of a part of the file."""
+    """Return the arrays and numbers of a group of the file by name."""
     return {word: np.asarray(item) for word, item in group.items() if isinstance(item, h5py.Dataset)}
 
 
 def pilotnet(file: str) -> tuple[Any, Any]:
-    """PilotNet as sigma-delta neurons."""
+    """Return PilotNet with sigma-delta neurons: the process to run, and the variable to read."""
     with h5py.File(file, "r") as opened:
         layers = [opened[f"layer/{k}"] for k in sorted(opened["layer"], key=int)]
         found = [(arrays(each), arrays(each.get("neuron", {}))) for each in layers]

@@ -1,10 +1,10 @@
-"""The cortical microcircuit: how fast it runs, and how it fires beside another simulator.
+"""The cortical microcircuit: its speed, and its firing beside another simulator.
 
     python benchmarks/microcircuit.py run [--scale 1] [--seed 1] [--threads 1] [--ms 10000] [--out OURS.npz]
     python benchmarks/microcircuit.py compare NEST.npz OURS.npz [OURS.npz ...] [--picture OUT.png]
 
-`run` prints one JSON line, `compare` a table of the first file beside the mean of the others, which are seeds of one
-network; `benchmarks/microcircuit_nest.py` writes the first. At full scale: 2.2 GB.
+`run` prints one JSON line. `compare` prints a table with the first file beside the mean of the others, which are seeds
+of one network. `benchmarks/microcircuit_nest.py` writes the first file. A run at full scale needs 2.2 GB.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ FACTORS = {"rate": 1.0, "irregularity": 1.0, "correlation": 1e3}
 
 
 def circuit(scale: float, indegree: float | None = None) -> neuro.Network:
-    """The network; each neuron has `scale` of its inputs, too, if not told otherwise."""
+    """Return the network with `scale` of its neurons, and with `indegree` of the inputs of each (default: `scale`)."""
     params = {"scale": scale} | ({} if indegree is None else {"indegree": indegree})
     return neuro.load(neuro_models.path("microcircuit"), params=params)
 
 
 def peak_gb() -> float:
-    """The largest memory of this process so far."""
+    """Return the largest memory of this process so far, GB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
 
 
 def events(sim: neuro.Simulation) -> int:
-    """Spikes of neurons, each times the synapses along which it went."""
+    """Return the number of synaptic events: the sum over all spikes of the number of outgoing synapses."""
     neurons = {p.name for p in sim.program.populations if p.kind == "neuron"}
     names = [p.name for p in sim.program.projections if sim.program.populations[p.source].name in neurons]
     counts = sim.counts().projections
@@ -47,7 +47,7 @@ def events(sim: neuro.Simulation) -> int:
 
 
 def timed(sim: neuro.Simulation, ms: float) -> dict[str, float]:
-    """Run, and tell seconds a biological second, of a clock and of the processor, and events."""
+    """Run for `ms`. Return wall time and processor time per biological second in s, and events."""
     before, wall, cpu = events(sim), time.perf_counter(), time.process_time()
     sim.run(ms)
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
@@ -61,14 +61,14 @@ def timed(sim: neuro.Simulation, ms: float) -> dict[str, float]:
 
 
 def recorded(sim: neuro.Simulation, begin: float) -> Recording:
-    """The spikes of all neurons from `begin` ms on."""
+    """Return the spikes of all neurons from `begin` ms on."""
     parts = [p for p in sim.program.populations if p.kind == "neuron"]
     trains = {p.name: Train(p.size, *sim.spikes(p.name, since=begin)) for p in parts}
     return Recording(begin, sim.time, trains)
 
 
 def run(asked: argparse.Namespace) -> None:
-    """Build, run, write the spikes and print the line."""
+    """Build and run the network, write the spikes and print the line."""
     net = circuit(asked.scale, asked.indegree)
     wall, cpu = time.perf_counter(), time.process_time()
     sim = neuro.compile(net, seed=asked.seed, threads=asked.threads)
@@ -85,7 +85,7 @@ def run(asked: argparse.Namespace) -> None:
 
 
 def cell(figure: Figure, measure: str) -> str:
-    """A figure and its error, as a table has it."""
+    """Return a figure and its error as text for a table."""
     if np.isnan(figure.value):
         return "too few spikes"
     value, error = figure.value * FACTORS[measure], figure.error * FACTORS[measure]
@@ -97,7 +97,7 @@ Beside = dict[str, dict[str, tuple[Figure, Figure]]]
 
 
 def beside(first: Recording, others: list[Recording]) -> Beside:
-    """By population and measure: of the first, and of the others together."""
+    """Return, by population and measure, the figure of the first recording and the figure of all others together."""
     one, many = measured(first), [measured(other) for other in others]
     return {
         name: {m: (told[m], together(each[name][m] for each in many)) for m in MEASURES} for name, told in one.items()
@@ -105,7 +105,7 @@ def beside(first: Recording, others: list[Recording]) -> Beside:
 
 
 def compare(found: Beside) -> bool:
-    """Print the table; whether all figures agree."""
+    """Print the table. Return True if all figures agree."""
     print("| population | " + " | ".join(f"{m}, {UNITS[m]}: NEST | neuro" for m in MEASURES) + " |")
     print("| --- |" + " --- |" * 2 * len(MEASURES))
     for name, row in found.items():
@@ -125,7 +125,7 @@ def compare(found: Beside) -> bool:
 
 
 def picture(found: Beside, spikes: Recording, path: str, shown_ms: float = 300.0) -> None:
-    """Draw a stretch of spikes as the paper does, and the three measures of both simulators."""
+    """Draw a stretch of spikes as in the paper, and the three measures of both simulators."""
     from matplotlib.figure import Figure as Canvas
 
     names = list(found)
@@ -160,7 +160,7 @@ def picture(found: Beside, spikes: Recording, path: str, shown_ms: float = 300.0
 
 
 def main() -> int:
-    """Do what is asked for; 1 where figures differ."""
+    """Run the chosen command. Return 1 if figures differ."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
     one = commands.add_parser("run")

@@ -3,9 +3,9 @@
     python benchmarks/microcircuit_nest.py [--scale 1] [--ms 1000] [--threads 1] [--out NEST.npz]
     mpirun -n 2 python benchmarks/microcircuit_nest.py --scale 0.2 --indegree 1
 
-The numbers are those of `neuro_models`' microcircuit.yaml, read from it. Each process prints a JSON line: seconds of
-building and of a biological second, memory, and the synapses that it has; one alone writes the spikes after `--warm`
-ms to `--out`, as `benchmarks/microcircuit.py run` writes ours. At full scale: 14.7 GB.
+All numbers are read from microcircuit.yaml of `neuro_models`. Each process prints a JSON line: seconds of building,
+seconds per biological second, memory, and number of its synapses. One of the processes writes the spikes after `--warm`
+ms to `--out`, in the format of `benchmarks/microcircuit.py run`. A run at full scale needs 14.7 GB.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CELL = ("C_m", "tau_m", "tau_syn_ex", "tau_syn_in", "t_ref", "E_L", "V_reset", "
 
 
 def drawn(value: float | normal, low: float | None = None) -> Any:
-    """NEST's parameter for a number or a normal distribution of ours."""
+    """Return NEST's parameter for a number or a normal distribution of ours."""
     if not isinstance(value, normal):
         return value
     huge = float(np.finfo(np.float64).max)
@@ -37,7 +37,7 @@ def drawn(value: float | normal, low: float | None = None) -> Any:
 
 
 def populations(net: Network) -> tuple[dict[str, Any], dict[str, Any]]:
-    """NEST's nodes of neurons, and one generator for each population that feeds one-to-one."""
+    """Return NEST's nodes by population: neurons, and one generator for each population with one-to-one connections."""
     cells, sources = {}, {}
     for part in net.populations.values():
         if part.model.name == "poisson_generator":
@@ -52,7 +52,7 @@ def populations(net: Network) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def connect(net: Network, cells: dict[str, Any], sources: dict[str, Any]) -> None:
-    """All projections; a generator of NEST sends a train of its own to each target."""
+    """Connect all projections. A generator of NEST sends a different spike train to each target."""
     for part in net.projections.values():
         if part.source in sources:
             words = {"weight": part.weight, "delay": part.delay}
@@ -68,13 +68,13 @@ def connect(net: Network, cells: dict[str, Any], sources: dict[str, Any]) -> Non
 
 
 def resident_gb() -> float:
-    """Memory of this process now."""
+    """Return the present memory of this process, GB."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * 4096 / 2**30
 
 
 def main() -> None:
-    """Build, run, write the spikes and print the line."""
+    """Build and run the network, write the spikes and print the line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scale", type=float, default=1.0)
     parser.add_argument("--indegree", type=float)

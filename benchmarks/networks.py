@@ -1,6 +1,6 @@
-"""The networks that are timed. `NETWORKS` and `loop` are those of NEST's and Brian2's scripts, see `peers/`.
+"""Networks for benchmarks. The scripts of NEST and Brian2 in `peers/` also have `NETWORKS` and `loop`.
 
-`feedforward` and `recurrent` are those of chip emulators, in registers, see `peers/chip_networks.py`.
+`feedforward` and `recurrent` are for chip emulators, with values in registers. `peers/chip_networks.py` has them, too.
 """
 
 from __future__ import annotations
@@ -12,18 +12,21 @@ import neuro
 
 
 def brunel(neurons: int = 10_000) -> neuro.Network:
-    """Brunel 2000, model A at g = 5, eta = 2: 10,000 neurons, 10 M static synapses; 1000 a neuron in larger ones."""
+    """Return model A of Brunel 2000 at g = 5, eta = 2, with 10,000 neurons and 10 million static synapses.
+
+    Larger networks have 1000 synapses per neuron.
+    """
     return _balanced("brunel", inputs=(800, 200), weight=0.1, excitatory=neuro.static(), neurons=neurons)
 
 
 def stdp() -> neuro.Network:
-    """The same neurons with a tenth of the synapses, of which 640,000 learn by additive STDP."""
+    """Return the neurons of `brunel` with a tenth of the synapses, of which 640,000 learn by additive STDP."""
     rule = neuro.stdp(Wmax=1.0, lambda_=0.01, alpha=1.1, mu_plus=0.0, mu_minus=0.0, tau_plus=20.0)
     return _balanced("stdp", inputs=(80, 20), weight=0.5, excitatory=rule)
 
 
 def triplets() -> neuro.Network:
-    """The network of `stdp` with `stdp_triplet`, whose slow traces are kept but add nothing: the same spikes."""
+    """Return the network of `stdp` with `stdp_triplet`. Its slow traces add nothing, so the spikes are the same."""
     rule = neuro.stdp_triplet(
         Wmax=1.0, tau_plus=20.0, Aplus=0.01, Aplus_triplet=0.0, Aminus=0.011, Aminus_triplet=0.0
     )  # fmt: skip
@@ -31,7 +34,7 @@ def triplets() -> neuro.Network:
 
 
 def driven(model: neuro.Model, weight: float) -> neuro.Network:
-    """10,000 neurons of a model, each under noise of its own of 2 kHz."""
+    """Return 10,000 neurons of a model, each with its own noise of 2 kHz."""
     net = neuro.Network("driven", resolution=0.1)
     net.population("noise", 10_000, neuro.poisson_generator(rate=2000.0))
     net.population("cells", 10_000, model)
@@ -42,7 +45,10 @@ def driven(model: neuro.Model, weight: float) -> neuro.Network:
 def _balanced(
     name: str, inputs: tuple[int, int], weight: float, excitatory: neuro.Synapse, neurons: int = 10_000
 ) -> neuro.Network:
-    """Four excitatory neurons for each inhibitory one, `excitatory` among the former, at twice the threshold rate."""
+    """Return a network with four excitatory neurons for each inhibitory neuron, at twice the threshold rate.
+
+    `excitatory` is the synapse among excitatory neurons.
+    """
     net = neuro.Network(name, resolution=0.1)
     cell = neuro.iaf_psc_delta(C_m=1.0, tau_m=20.0, t_ref=2.0, E_L=0.0, V_reset=0.0, V_th=20.0, tau_minus=20.0)
     noise = neuro.poisson_generator(rate=2.0 * 20.0 / (weight * 20.0) * 1000.0)
@@ -61,7 +67,7 @@ def _balanced(
 
 
 def cuba() -> neuro.Network:
-    """The CUBA benchmark (Brette et al. 2007; Vogels & Abbott 2005): 4,000 neurons, 2 % connected."""
+    """Return the CUBA benchmark (Brette et al. 2007; Vogels & Abbott 2005): 4,000 neurons, 2 % connected."""
     net = neuro.Network("cuba", resolution=0.1)
     cell = neuro.iaf_psc_exp(
         C_m=200.0, tau_m=20.0, tau_syn_ex=5.0, tau_syn_in=10.0, t_ref=5.0, E_L=-49.0, V_reset=-60.0, V_th=-50.0
@@ -76,7 +82,7 @@ def cuba() -> neuro.Network:
 
 
 def many_projections(rate: float, populations: int = 100, size: int = 100) -> neuro.Network:
-    """Every pair of many populations is connected with drawn delays; each neuron fires at a rate, in Hz, if any."""
+    """Return populations that are all connected with each other, with drawn delays. Each neuron fires at `rate` Hz."""
     net = neuro.Network("many_projections", resolution=0.1)
     delay = neuro.normal(mean=1.5, std=0.75, low=0.05)
     names = [f"cells{k}" for k in range(populations)]
@@ -92,7 +98,10 @@ def many_projections(rate: float, populations: int = 100, size: int = 100) -> ne
 
 
 def loop(resolution: float = 0.1) -> neuro.Network:
-    """A closed loop: 64 Poisson -> 64 parrots -> 4 neurons by 256 `stdp_dopa`; rates and dopamine come from outside."""
+    """Return a closed loop: 64 Poisson generators -> 64 parrots -> 4 neurons, with 256 `stdp_dopa` synapses.
+
+    Rates and dopamine come from outside.
+    """
     net = neuro.Network("loop", resolution=resolution)
     noise = net.population("noise", 64, neuro.poisson_generator())
     parrots = net.population("parrots", 64, neuro.parrot_neuron())
@@ -107,7 +116,10 @@ def loop(resolution: float = 0.1) -> neuro.Network:
 
 
 def learning(plastic: bool) -> neuro.Network:
-    """100,000 synapses between 1,000 and 1,000 neurons at 20 Hz, too weak to matter; `plastic` ones learn."""
+    """Return 100,000 synapses between 1,000 and 1,000 neurons at 20 Hz. If `plastic`, they learn.
+
+    The synapses are too weak to change the spikes.
+    """
     net = neuro.Network("learning", resolution=0.1)
     pre = net.population("pre", 1000, neuro.parrot_neuron())
     post = net.population("post", 1000, neuro.iaf_psc_delta(C_m=1.0, t_ref=0.1, E_L=0.0, V_reset=0.0, V_th=20.0))
@@ -120,13 +132,14 @@ def learning(plastic: bool) -> neuro.Network:
 
 
 def silent(where: str, active: int = 1000, times: int = 100) -> neuro.Network:
-    """Busy neurons, and `times` as many that nothing reaches.
+    """Return busy neurons, and `times` as many silent neurons without input.
 
     Args:
-        where: "nowhere" (busy ones only), "beside" (after them in their population), "between" (each busy
-            one among `times` silent ones) or "elsewhere" (in a population of their own).
+        where: place of the silent neurons: "nowhere" (there are none), "beside" (after the busy neurons in their
+            population), "between" (`times` silent neurons around each busy neuron) or "elsewhere" (in another
+            population).
         active: number of busy neurons.
-        times: silent neurons for each.
+        times: number of silent neurons for each busy neuron.
     """
     net = neuro.Network(f"silent {where}".replace(" ", "_"), resolution=0.1)
     cell = neuro.iaf_psc_exp()
@@ -145,7 +158,7 @@ def silent(where: str, active: int = 1000, times: int = 100) -> neuro.Network:
 
 
 def digits() -> neuro.Network:
-    """A shared-kernel layer that decides by its first spike and learns by reward, as object recognition uses it."""
+    """Return a shared-kernel layer for object recognition, which decides by its first spike and learns by reward."""
     net = neuro.Network("digits", resolution=1.0)
     net.population("c1", (4, 17, 17), neuro.spike_generator())
     cell = neuro.iaf_psc_delta(tau_m=float("inf"), E_L=0.0, V_reset=0.0, V_th=30.0)
@@ -164,7 +177,10 @@ def digits() -> neuro.Network:
 
 
 def feed_forward(model: type[neuro.Model] = neuro.iaf_psc_exp) -> neuro.Network:
-    """2312 inputs, 128 neurons and 10, dense, with weights of both signs: a recording of 310 ticks."""
+    """Return dense layers of 2312 inputs, 128 and 10 neurons, with weights of both signs.
+
+    A recording has 310 ticks.
+    """
     net, rng = neuro.Network("feed_forward", resolution=1.0), np.random.default_rng(0)
     cell = model(tau_m=20.0, t_ref=1.0, E_L=0.0, V_reset=0.0, V_th=15.0)
     unit = 12.0 if model is neuro.iaf_psc_exp else 0.4  # pA, mV
@@ -180,7 +196,7 @@ def feed_forward(model: type[neuro.Model] = neuro.iaf_psc_exp) -> neuro.Network:
 
 
 def feedforward(n: int = 1000) -> neuro.Network:
-    """Sources that fire at 5 % a step, all onto all."""
+    """Return n sources that fire in 5 % of the steps, connected with n neurons all to all."""
     layer = chip_networks.FEEDFORWARD
     net = neuro.Network("feedforward", resolution=1.0)
     net.population("sources", n, neuro.spike_generator())
@@ -191,13 +207,13 @@ def feedforward(n: int = 1000) -> neuro.Network:
 
 
 def sources(n: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times and neurons of the input of `feedforward`."""
+    """Return times and neurons of the input spikes of `feedforward`."""
     rows, ids = chip_networks.fired(steps, n)
     return rows + 1.0, ids
 
 
 def recurrent(n: int = 10_240, fan_in: int = 100) -> neuro.Network:
-    """Ten cores of neurons with a bias, each hearing 100 others, four of five excitatory."""
+    """Return neurons with a bias for ten cores. Each has `fan_in` inputs, and four of five neurons are excitatory."""
     layer = chip_networks.RECURRENT
     pre, post, weights, bias = chip_networks.recurrent(n, fan_in)
     net = neuro.Network("recurrent", resolution=1.0)

@@ -1,11 +1,11 @@
-"""What one part costs: `python benchmarks/parts.py triplets|equations`, `python benchmarks/parts.py neurons`.
+"""Processor time of single parts: `python benchmarks/parts.py triplets|equations|neurons`.
 
-`triplets`: `stdp_triplet` beside `stdp`. `equations`: `iaf_psc_exp` as equations beside the built-in. The two networks
-take turns of 20 ms. Seconds of the processor are compared turn by turn and the median of the ratios is told, since
-other work on the machine slows both.
+`triplets` compares `stdp_triplet` with `stdp`, and `equations` compares `iaf_psc_exp` as equations with the built-in
+model. The two networks take turns of 20 ms. The figure is the median of the ratios of processor time in each turn,
+because other work on the machine slows both.
 
-`neurons`: each neuron on backend `event`, one thread; a thousand under a current that makes them fire, so that none
-sleeps.
+`neurons` times each neuron model on backend `event` with one thread. A thousand neurons fire under a current, so that
+no neuron sleeps.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CURRENTS = {"izhikevich": 10.0, "aeif_cond_exp": 800.0, "aeif_psc_exp": 800.0, "
 
 
 def equations() -> neuro.Model:
-    """`iaf_psc_exp` as text."""
+    """Return `iaf_psc_exp` as equations in text."""
     words = yaml.safe_load(MODELS.read_text())["models"]["own_iaf_psc_exp"]
     model: neuro.Model = neuro.equations("own_iaf_psc_exp", **words)()
     return model
@@ -41,14 +41,14 @@ CASES = {
 
 
 def spent(sim: neuro.Simulation, ms: float) -> float:
-    """Seconds of the processor."""
+    """Run for `ms` and return the processor time in s."""
     began = time.process_time()
     sim.run(ms)
     return time.process_time() - began
 
 
 def ratios(first: neuro.Network, second: neuro.Network, turns: int) -> np.ndarray:
-    """How much longer the first takes than the second, turn by turn, after 100 ms."""
+    """Return the ratio of the processor times of the first and the second network, (turns,), after 100 ms."""
     sims = [neuro.compile(net, seed=12345, threads=1) for net in (first, second)]
     for sim in sims:
         sim.run(100.0)
@@ -60,7 +60,7 @@ def ratios(first: neuro.Network, second: neuro.Network, turns: int) -> np.ndarra
 
 
 def cost(model: type[Neuron]) -> float:
-    """Nanoseconds of the processor a neuron and step, the best of three."""
+    """Return the processor time per neuron and step in ns, the best of three runs."""
     net = neuro.Network("cost", resolution=0.1)
     given = {} if model.relay else {"initial": {"V_m": neuro.uniform(low=-70.0, high=-60.0)}}
     net.population("cells", SIZE, model(), **given)
@@ -76,7 +76,7 @@ def cost(model: type[Neuron]) -> float:
 
 
 def main() -> None:
-    """Print a line, or one for each neuron."""
+    """Print a line for the part, or a line for each neuron model."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("case", choices=[*CASES, "neurons"])
     options.add_argument("--turns", type=int, default=60)

@@ -1,17 +1,18 @@
-"""The microcircuit by the recipe of its benchmark: a folder that is ready to be handed in for the table of the field.
+"""The microcircuit by the recipe of its benchmark: a folder to submit for the public table of simulators.
 
     python benchmarks/pd14.py FOLDER [--scale 1] [--ms 900000] [--seeds 10] [--reference 10] [--threads 1 2]
 
 Recipe: INM-6/microcircuit-PD14-model, docs/benchmarking (Senk et al., Neuromorph. Comput. Eng. 6:012001, 2026). V_m
-starts optimised; 500 ms are left out; the speed is that of 10 s or more without anything that is read; accuracy is that
-of 15 min and ten seeds, by the distributions of `pd14_statistics.py` beside a reference. That is NEST with its own
-connection rules, run here, since the authors' data are not in their repository; input is Poisson.
+starts optimised, and the first 500 ms are left out. Speed is measured over 10 s or more without reads of the network.
+Accuracy is measured over 15 min and ten seeds, by the distributions of `pd14_statistics.py` beside a reference. The
+reference is NEST with its own connection rules. It is run here, because the data of the authors are not in their
+repository. Input is Poisson.
 
-FOLDER gets `spikes/` (HDF5), `statistics/` (JSON as the reference's scripts write it), `speed.json`, and from these
-README.md (tables), `row.yaml` and `distributions.png`. Each step is a process, and what is there is not done again, so
-an interrupted call goes on: a run of ours after its last minute of biological time, others from their beginning.
+FOLDER gets `spikes/` (HDF5), `statistics/` (JSON in the format of the reference's scripts) and `speed.json`. README.md
+(tables), `row.yaml` and `distributions.png` are made from these. Each step is a process, and no finished step is
+repeated. An interrupted run of ours continues after its last minute of biological time, other runs start again.
 
-At full scale ours needs 4 GB, NEST 15 GB (`--reference 0` leaves it out, `--scale 0.2` is small for both).
+At full scale ours needs 4 GB and NEST 15 GB. `--reference 0` omits NEST, and `--scale 0.2` is small for both.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ SPIKES = "neuro benchmark spikes 1"
 TEXT = Kind("a text of this benchmark")
 WARM_MS = 500.0
 STRETCH_MS = 60_000.0
-"""A run of ours goes on from the end of a stretch."""
+"""Length of a stretch, ms. An interrupted run of ours continues from the end of a stretch."""
 PUBLISHED = {
     "L23E": 0.903,
     "L23I": 2.965,
@@ -61,17 +62,17 @@ PUBLISHED = {
     "L6E": 1.105,
     "L6I": 7.829,
 }
-"""Mean rates of the whole circuit, Hz, as the repository of the benchmark has them."""
+"""Mean rates of the whole circuit in Hz, from the repository of the benchmark."""
 DIGITS = {"rates": 3, "spike_cvs": 3, "spike_ccs": 5}
 
 
 def told(text: str) -> None:
-    """Progress, with the time of day."""
+    """Print a line of progress with the time of day."""
     print(time.strftime("%H:%M:%S"), text, file=sys.stderr, flush=True)
 
 
 def circuit(scale: float) -> neuro.Network:
-    """The network as the recipe has it; it has `scale` of the neurons, and of the inputs of each."""
+    """Return the network of the recipe, with `scale` of the neurons and of the inputs of each neuron."""
     return neuro.load(neuro_models.path("microcircuit"), params={"scale": scale, "settled": 1.0})
 
 
@@ -79,13 +80,13 @@ def circuit(scale: float) -> neuro.Network:
 
 
 def stretches(ms: float) -> list[tuple[float, float]]:
-    """Begin and end of what a run is cut into, ms."""
+    """Return begin and end of each stretch of a run, ms."""
     edges = [WARM_MS + at for at in np.arange(0.0, ms, STRETCH_MS)] + [WARM_MS + ms]
     return list(pairwise(edges))
 
 
 def run_ours(path: Path, seed: int, settings: dict[str, Any]) -> None:
-    """Write the spikes of a seed; the state after each stretch lies beside them until all is done."""
+    """Write the spikes of a seed. The state after each stretch is stored beside them until the run ends."""
     sim = neuro.compile(circuit(settings["scale"]), seed=seed, threads=max(settings["threads"]))
     state = path.with_suffix(".state")
     if state.exists():
@@ -131,7 +132,7 @@ def run_nest(path: Path, seed: int, settings: dict[str, Any]) -> None:
 
 
 def advance(run: Callable[[float], None], begin: float, end: float, what: str) -> None:
-    """Run from a time to another, ms, and report each second."""
+    """Run from `begin` to `end` in ms, and report each second."""
     for at in np.arange(begin, end, 1000.0).tolist():
         upto = min(at + 1000.0, end)
         run(upto - at)
@@ -139,7 +140,7 @@ def advance(run: Callable[[float], None], begin: float, end: float, what: str) -
 
 
 def save(path: Path, recording: Recording) -> None:
-    """Write spikes as HDF5: of each population `size`, `times` in ms and `neurons` from 0."""
+    """Write spikes as HDF5: for each population `size`, `times` in ms, and `neurons` counted from 0."""
     with writing(path, SPIKES, replace=True) as file:
         put(file, "window_ms", np.array([recording.begin, recording.end]))
         for name, train in recording.trains.items():
@@ -148,7 +149,7 @@ def save(path: Path, recording: Recording) -> None:
 
 
 def loaded(path: Path) -> Recording:
-    """Read what `save` wrote."""
+    """Read a recording from the file of `save`."""
     with reading(path, SPIKES) as file:
         begin, end = take(file, "window_ms")
         found = {name: take(file, name) for name in file if name != "window_ms"}
@@ -157,7 +158,7 @@ def loaded(path: Path) -> Recording:
 
 
 def joined(parts: list[Recording]) -> Recording:
-    """Spikes of stretches, one after the other."""
+    """Return the spikes of successive stretches as one recording."""
     if len(parts) == 1:
         return parts[0]
     trains = {
@@ -175,7 +176,7 @@ def joined(parts: list[Recording]) -> Recording:
 
 
 def speed(threads: int, settings: dict[str, Any]) -> dict[str, Any]:
-    """Seconds a biological second, second by second; spikes stay in memory, and are dropped after each."""
+    """Return the time in s of each biological second. Spikes stay in memory, and are dropped after each second."""
     wall = time.perf_counter()
     sim = neuro.compile(circuit(settings["scale"]), seed=1, threads=threads)
     sim.run(0.1)
@@ -196,7 +197,7 @@ def speed(threads: int, settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def steps(folder: Path, settings: dict[str, Any]) -> Iterator[tuple[str, Path]]:
-    """Names and files of all that is run, in order."""
+    """Yield names and files of all steps, in order."""
     for threads in settings["threads"]:
         yield f"speed {threads}", folder / f"speed_{threads}.json"
     for who, number in (("neuro", settings["seeds"]), ("nest", settings["reference"])):
@@ -205,7 +206,7 @@ def steps(folder: Path, settings: dict[str, Any]) -> Iterator[tuple[str, Path]]:
 
 
 def step(name: str, path: Path, settings: dict[str, Any]) -> None:
-    """Do one of `steps`."""
+    """Run one of `steps`."""
     who, number = name.split()
     if who == "speed":
         kept(path, lambda: speed(int(number), settings))
@@ -216,7 +217,10 @@ def step(name: str, path: Path, settings: dict[str, Any]) -> None:
 
 
 def statistics(folder: Path, who: str) -> list[Distributions]:
-    """Distributions of all seeds of a simulator, found once, as the reference's scripts write and name them."""
+    """Return the distributions of all seeds of a simulator.
+
+    They are computed once and stored with the names and in the format of the reference's scripts.
+    """
     every = []
     for path in sorted((folder / "spikes").glob(f"{who}_seed*.h5")):
         place = folder / "statistics" / path.stem
@@ -232,14 +236,14 @@ def statistics(folder: Path, who: str) -> list[Distributions]:
 
 
 def cell(figure: Figure, digits: int) -> str:
-    """A figure and its error."""
+    """Return a figure and its error as text."""
     if np.isnan(figure.value):
         return "-"
     return f"{figure.value:.{digits}f}" + ("" if np.isnan(figure.error) else f" ± {figure.error:.{digits}f}")
 
 
 def compared(ours: list[Distributions], theirs: list[Distributions], measure: str) -> str:
-    """The table of a measure."""
+    """Return the table of a measure."""
     published = measure == "rates"
     rows = []
     for name in PUBLISHED:
@@ -252,7 +256,7 @@ def compared(ours: list[Distributions], theirs: list[Distributions], measure: st
 
 
 def machine() -> dict[str, str]:
-    """What it ran on."""
+    """Return processor, memory and versions of this machine by name."""
     names = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
     model = names[0].partition(":")[2].strip() if names else platform.processor()
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
@@ -266,7 +270,7 @@ def machine() -> dict[str, str]:
 
 
 def row(fastest: dict[str, Any], settings: dict[str, Any], about: dict[str, str]) -> str:
-    """The entry of the table's file of data points."""
+    """Return the entry for the file of data points of the public table."""
     factor, watts = float(np.mean(fastest["seconds"])), settings["watts"]
     joules = "" if watts is None else f"{watts * factor / fastest['events_per_s'] * 1e6:.4f}"
     energy = "energy not measured" if watts is None else f"energy from {watts:g} W at the power outlet"
@@ -286,7 +290,7 @@ def row(fastest: dict[str, Any], settings: dict[str, Any], about: dict[str, str]
 
 
 def bundle(folder: Path, settings: dict[str, Any]) -> None:
-    """Write README.md, row.yaml and distributions.png from what is there."""
+    """Write README.md, row.yaml and distributions.png from the results so far."""
     ours, theirs = statistics(folder, "neuro"), statistics(folder, "nest")
     speeds = [json.loads(path.read_text()) for path in sorted(folder.glob("speed_*.json"))]
     about = machine()
@@ -331,7 +335,7 @@ def bundle(folder: Path, settings: dict[str, Any]) -> None:
 
 
 def picture(path: Path, ours: list[Distributions], theirs: list[Distributions]) -> None:
-    """Histograms of all seeds, NEST's in grey."""
+    """Draw histograms of all seeds, with those of NEST in grey."""
     edges = {"rates": np.arange(0.0, 20.1, 1.0), "spike_cvs": np.arange(0.5, 1.51, 0.05)}
     edges["spike_ccs"] = np.arange(-0.015, 0.0151, 0.001)
     figure, axes = plt.subplots(len(PUBLISHED), 3, figsize=(9, 11), sharex="col", layout="constrained")
@@ -349,7 +353,7 @@ def picture(path: Path, ours: list[Distributions], theirs: list[Distributions]) 
 
 
 def main() -> None:
-    """Do what is not there yet, then write the folder's page."""
+    """Run the missing steps, then write the page of the folder."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--scale", type=float, default=1.0)

@@ -1,9 +1,9 @@
-"""Statistics of the microcircuit as its benchmark defines them: distributions over neurons, and distances between them.
+"""Statistics of the microcircuit by the rules of its benchmark: distributions over neurons, and their distances.
 
-Source: INM-6/microcircuit-PD14-model, PyNEST/reference_data (Dasbach et al., Front. Neurosci. 15:757790, 2021). Of each
-population: mean rates of all neurons; coefficients of variation of the intervals of neurons with three spikes;
-correlation coefficients of counts in 2 ms of all pairs of 250 neurons. Two distributions are compared by the statistic
-of Kolmogorov and Smirnov.
+Source: INM-6/microcircuit-PD14-model, PyNEST/reference_data (Dasbach et al., Front. Neurosci. 15:757790, 2021). Each
+population has three distributions: mean rates of all neurons; coefficients of variation of the intervals of neurons
+with three spikes or more; correlation coefficients of counts in 2 ms of all pairs of 250 neurons. Two distributions are
+compared by the statistic of Kolmogorov and Smirnov.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from spike_statistics import Figure, Recording, Train, irregularities, over
 
 Floats = NDArray[np.float64]
 Distributions = Mapping[str, Mapping[str, Floats]]
-"""Values by measure and population, of one network."""
+"""Values of one network, by measure and population."""
 
 BIN_MS = 2.0
 SAMPLE = 250
-"""Neurons of a population whose pairs are correlated."""
+"""Number of neurons of a population whose pairs are correlated."""
 LEAST_SPIKES = 3
 MEASURES = {"rates": "rate, Hz", "spike_cvs": "CV of intervals", "spike_ccs": "correlation of counts in 2 ms"}
-"""Names as the files of the reference have them."""
+"""Titles of the measures, by their names in the files of the reference."""
 
 
 def rates(train: Train, begin: float, end: float) -> Floats:
-    """Spikes of each neuron in a second."""
+    """Return the rate of each neuron in Hz."""
     return np.bincount(train.neurons, minlength=train.size) / (end - begin) * 1e3
 
 
 def correlations(train: Train, begin: float, end: float, seed: int = 12345) -> Floats:
-    """Correlation coefficients of all pairs of some neurons, drawn by `seed`; of those that fire."""
+    """Draw `SAMPLE` neurons by `seed`. Return the correlation coefficients of all pairs of those that fire."""
     chosen = np.sort(np.random.default_rng(seed).permutation(train.size)[:SAMPLE])
     row = np.searchsorted(chosen, train.neurons)
     kept = chosen[np.minimum(row, chosen.size - 1)] == train.neurons
@@ -50,7 +50,7 @@ def correlations(train: Train, begin: float, end: float, seed: int = 12345) -> F
 
 
 def distributions(recording: Recording) -> dict[str, dict[str, Floats]]:
-    """All measures of all populations."""
+    """Return all measures of all populations."""
     begin, end = recording.begin, recording.end
     trains = recording.trains.items()
     return {
@@ -61,10 +61,10 @@ def distributions(recording: Recording) -> dict[str, dict[str, Floats]]:
 
 
 def distance(one: Floats, other: Floats) -> float:
-    """Statistic of Kolmogorov and Smirnov, from 0 to 1; NaN where one has no values.
+    """Return the statistic of Kolmogorov and Smirnov, from 0 to 1, or NaN if a distribution has no values.
 
-    That is the largest difference of the shares of values up to any number. SciPy's function would find how likely it
-    is, too, which warns for few values.
+    It is the largest difference of the shares of values up to any number. SciPy's function would also compute how
+    likely it is, which warns for few values.
     """
     if not (one.size and other.size):
         return float("nan")
@@ -74,17 +74,17 @@ def distance(one: Floats, other: Floats) -> float:
 
 
 def within(networks: Sequence[Distributions], measure: str, population: str) -> Figure:
-    """Mean distance of two networks of one simulator, and standard deviation over all pairs."""
+    """Return mean and standard deviation of the distances of all pairs of networks of one simulator."""
     return _spread(distance(a[measure][population], b[measure][population]) for a, b in combinations(networks, 2))
 
 
 def between(ones: Sequence[Distributions], others: Sequence[Distributions], measure: str, population: str) -> Figure:
-    """Mean distance of a network of each simulator, and standard deviation over all pairs."""
+    """Return mean and standard deviation of the distances of all pairs of a network of each simulator."""
     return _spread(distance(a[measure][population], b[measure][population]) for a, b in product(ones, others))
 
 
 def mean(networks: Sequence[Distributions], measure: str, population: str) -> Figure:
-    """Mean over neurons or pairs, and over networks, with its standard error."""
+    """Return the mean over neurons or pairs, and over networks, with its standard error."""
     return over(np.array([np.mean(each[measure][population]) for each in networks if each[measure][population].size]))
 
 

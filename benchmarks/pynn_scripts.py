@@ -1,4 +1,4 @@
-"""Which scripts of PyNN that others wrote come in as networks, and why others do not.
+"""Import of PyNN scripts by other authors: the scripts that become networks, and the errors of the others.
 
 python benchmarks/pynn_scripts.py ../shared/reference/pynn [examples | spynnaker | scenarios]
 """
@@ -18,12 +18,12 @@ SCENARIO = "import pyNN.nest as sim\nfrom scenarios.{module} import {name}\n{nam
 
 
 def scripts(folder: Path) -> Iterator[tuple[str, Path]]:
-    """The scripts of a folder."""
+    """Yield names and paths of the scripts in a folder."""
     yield from ((path.stem, path) for path in sorted(folder.glob("*.py")))
 
 
 def scenarios(folder: Path, work: Path) -> Iterator[tuple[str, Path]]:
-    """A script for each of PyNN's system scenarios that names pyNN.nest."""
+    """Yield a script with pyNN.nest for each of PyNN's system scenarios."""
     shutil.copytree(folder, work / "scenarios")
     for path in sorted(folder.glob("test_*.py")):
         for names, name in re.findall(
@@ -36,7 +36,7 @@ def scenarios(folder: Path, work: Path) -> Iterator[tuple[str, Path]]:
 
 
 def verdict(script: Path) -> str:
-    """The network, or why there is none."""
+    """Return a line about the network of a script, or about the error of the import."""
     try:
         return f"ok: {neuro.from_pynn(script, run_script=True)!r}"
     except neuro.ModelError as error:
@@ -45,7 +45,7 @@ def verdict(script: Path) -> str:
 
 
 def main(root: Path, kinds: list[str]) -> None:
-    """Print a line for each script, and how many come in."""
+    """Print a line for each script, and the number of imported scripts."""
     with tempfile.TemporaryDirectory() as work:
         for kind in kinds:
             found = scenarios(root / kind, Path(work)) if kind == "scenarios" else scripts(root / kind)

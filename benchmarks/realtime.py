@@ -1,13 +1,13 @@
-"""The loop in real time: what feeding takes, and how late actions are, beside an empty loop in the same run.
+"""The loop in real time: duration of feeding and delay of actions, beside an empty loop in the same run.
 
     python benchmarks/realtime.py [--seconds 10] [--rows 346x260] [--udp] [--out FILE.h5]
     sudo chrt --fifo 1 python benchmarks/realtime.py
 
-Each row is a camera with noise at a rate, ticks of a length, and a network on grids. Events are played from memory in
-the same process, as a `Player`, or with `--udp` sent over the loopback by another process, on the other core. *tick to
-action* is the network's own part: take, feed, run, and counts read by a port. *event to action* has also the wait for
-the next tick; by UDP it is counted from the oldest datagram of a tick. On cores that others use, too, the figures of
-the empty loop say how much is theirs; with `chrt` the loop goes before them.
+Each row has a camera with noise at a rate, a length of a tick, and a network on grids. Events are played from memory in
+the same process by a `Player`. With `--udp` another process on the other core sends them over the loopback. *tick to
+action* is the part of the network: take and feed events, run, and read counts with a port. *event to action* includes
+the wait for the next tick; with UDP it is counted from the oldest datagram of a tick. If other programs use the cores,
+the figures of the empty loop show their share. With `chrt` the loop has priority over them.
 """
 
 from __future__ import annotations
@@ -35,7 +35,10 @@ ROUNDS = 500
 
 
 def network(width: int, height: int, stride: int) -> neuro.Network:
-    """Maps of edges, and maps of these: with 346 x 260 px 43,000 neurons that are not pixels."""
+    """Return a network with maps of edges, and with maps on top of these.
+
+    With 346 x 260 px it has 43,000 neurons besides the pixels.
+    """
     net = neuro.Network("live", resolution=1.0)
     net.population("camera", (2, height, width), neuro.event_camera())
     cells = neuro.iaf_psc_delta(tau_m=10.0, V_th=-66.0)
@@ -50,14 +53,14 @@ def network(width: int, height: int, stride: int) -> neuro.Network:
 
 
 def noise(width: int, height: int, n: int, us: int, begin: int = 0) -> Events:
-    """Events at random places and times."""
+    """Return n events at random places, and at random times within `us`."""
     rng = np.random.default_rng(begin)
     t = begin + np.sort(rng.integers(0, us, n))
     return Events(t, rng.integers(0, width, n), rng.integers(0, height, n), rng.integers(0, 2, n), (width, height))
 
 
 def feeding(width: int, height: int, n: int, tick: float) -> float:
-    """Median ms of `sim.feed` with n events."""
+    """Return the median duration of `sim.feed` with n events, ms."""
     net = neuro.Network("fed", resolution=1.0)
     net.population("camera", (2, height, width), neuro.event_camera())
     sim, us, taken = neuro.compile(net), round(1000 * tick), []
@@ -72,7 +75,7 @@ def feeding(width: int, height: int, n: int, tick: float) -> float:
 
 @contextmanager
 def sender(url: str, width: int, height: int, rate: float, seconds: float) -> Iterator[None]:
-    """Another process that sends noise over the loopback, at normal priority."""
+    """Run another process that sends noise over the loopback, at normal priority."""
     words = (url, width, height, rate, seconds)
     with subprocess.Popen(["chrt", "--other", "0", sys.executable, __file__, "--send", *map(str, words)]) as process:
         yield
@@ -80,7 +83,7 @@ def sender(url: str, width: int, height: int, rate: float, seconds: float) -> It
 
 
 def send(url: str, width: str, height: str, rate: str, seconds: str) -> None:
-    """What that process does: parts of 100 ms, each at its time."""
+    """Send noise in parts of 100 ms, each at its time, in the process of `sender`."""
     n = round(float(rate) / 10)
     parts = (noise(int(width), int(height), n, 100_000, 100_000 * k) for k in range(round(10 * float(seconds))))
     neuro.events.send(url, parts, format="faery8")

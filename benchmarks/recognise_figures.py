@@ -1,10 +1,10 @@
 """Pictures of docs/reference/recognisers.md: `python benchmarks/recognise_figures.py [N-MNIST POKER]`.
 
-Draws the accuracies of all methods from what benchmarks/measured/recognisers.json keeps: right decisions of each seed.
-The arguments are folders of `neuro recognise compare`, whose commands that page names: what they have of all recordings
-is counted and kept first, and confusion matrices are drawn beside those of the thesis' figures 85 (BOE without and with
-TAR) and 86 (TAR-HATS). `conv`, `dense`, `learnt_delays` and `recurrent` on N-MNIST are of `neuro train --folds 5`, of
-seeds 1 to 3, the last two of one: docs/reference/learning.md has their folds.
+The script draws the accuracies of all methods. benchmarks/measured/recognisers.json has the right decisions of each
+seed. The arguments are folders of `neuro recognise compare`; the page has the commands. The decisions in these folders
+about all recordings are counted and stored first. Confusion matrices are drawn beside figures 85 (BOE without and with
+TAR) and 86 (TAR-HATS) of the thesis. `conv`, `dense`, `learnt_delays` and `recurrent` on N-MNIST come from `neuro train
+--folds 5`. The first two have seeds 1 to 3, the last two one seed. docs/reference/learning.md has their folds.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ MATRICES = {"boe": "BOE", "boe-tar": "BOE behind TAR", "tar_hats": "TAR-HATS"}
 
 
 class Right(NamedTuple):
-    """Right decisions of one seed."""
+    """Number of right decisions of one seed, and number of recordings."""
 
     right: int
     n: int
 
     @property
     def accuracy(self) -> float:
-        """Their share."""
+        """Share of right decisions."""
         return self.right / self.n
 
 
 def main() -> None:
-    """Draw all."""
+    """Draw all pictures."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("folders", type=Path, nargs="*", help="of N-MNIST's and of POKER-DVS' comparison")
     asked = options.parse_args()
@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def keep(counted: Mapping[str, Mapping[str, Sequence[Evaluation]]]) -> None:
-    """Keep the right decisions of methods that were tested on all recordings."""
+    """Store the right decisions of methods that were tested on all recordings."""
     told = json.loads(KEPT.read_text())
     for data, methods in counted.items():
         every = told[data]["recordings"]
@@ -67,13 +67,13 @@ def keep(counted: Mapping[str, Mapping[str, Sequence[Evaluation]]]) -> None:
 
 
 def kept(data: str) -> dict[str, list[Right]]:
-    """Of each method the right decisions of each seed."""
+    """Return the stored right decisions of each seed, by method."""
     told = json.loads(KEPT.read_text())[data]
     return {name: [Right(right, told["recordings"]) for right in each] for name, each in told["right"].items()}
 
 
 def found(folder: Path, data: Recordings) -> dict[str, list[Evaluation]]:
-    """Of each method in a folder an evaluation a seed, of all recordings that were tested."""
+    """Return an evaluation for each seed over all tested recordings, by method of a folder."""
     decided: dict[tuple[str, int], dict[int, int]] = defaultdict(dict)
     for file in sorted(folder.glob("*.json")):
         name, seed, _ = file.stem.rsplit("-", 2)
@@ -89,7 +89,7 @@ def found(folder: Path, data: Recordings) -> dict[str, list[Evaluation]]:
 
 
 def matrices(shown: dict[str, Evaluation]) -> Figure:
-    """Confusion matrices beside each other, in percent of each class."""
+    """Draw confusion matrices beside each other, in percent of each class."""
     figure = Figure(figsize=(4.3 * len(shown), 4.8), dpi=120, layout="tight", facecolor=PAPER)
     for axis, (name, one) in zip(figure.subplots(1, len(shown)), shown.items(), strict=True):
         table = one.confusion[:, : len(one.classes)]

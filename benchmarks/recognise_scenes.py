@@ -1,9 +1,10 @@
-"""How well several objects are found: `python benchmarks/recognise_scenes.py hats --out FOLDER`.
+"""Detection of several objects in scenes: `python benchmarks/recognise_scenes.py hats --out FOLDER`.
 
-The recordings to train on are divided into folds. For each fold a recogniser learns from crops out of scenes that are
-composed of the other folds' recordings, and is tried on scenes of this one. All is kept in the folder, so the same
-command goes on where it was; scenes and crops serve all methods. Prints the mean over folds of each case, and the mAP
-of all pictures together: a class has few objects in a fold, so the mean of folds is that of rough figures.
+The training recordings are divided into folds. For each fold a recogniser learns from crops of scenes that are composed
+of recordings of the other folds, and is tested on scenes of this fold. All results are stored in the folder, so the
+same command continues an interrupted run. All methods use the same scenes and crops. The script prints the mean over
+folds of each case, and the mAP of all pictures together. A class has few objects in a fold, so figures of a single fold
+are rough.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from neuro_recognise.recogniser import method_of
 
 PLAIN = Scenery()
 LONG = {"length": 2000.0, "sensor": (160, 120)}
-"""In 2 s objects go 20 px, for which the small sensor has too little room."""
+"""Settings of long scenes. In 2 s objects move by 20 px, for which the small sensor has too little room."""
 CASES = {
     "apart": PLAIN,
     "touching": replace(PLAIN, touching=True),
@@ -39,11 +40,11 @@ CASES = {
     "long_touching": replace(PLAIN, touching=True, **LONG),
 }
 LEARNT = {"apart": 4, "touching": 4, "noise": 2}
-"""Tenths of the scenes to learn from, by case."""
+"""Share of each case among the scenes to learn from, in tenths."""
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure all folds and print the table."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("method", help="see 'neuro recognise list'")
     options.add_argument("--out", type=Path, required=True, help="folder for scenes, recognisers and figures")
@@ -69,7 +70,7 @@ def main() -> None:
 
 
 def fold_figures(asked: argparse.Namespace, data: Recordings, fold: int) -> dict[str, dict[str, Any]]:
-    """Figures by case."""
+    """Return the figures of a fold, by case."""
     held_out = fold_of(data, asked.folds, fold)
     settings = Detecting().changed(assignments(asked.detecting))
     name = "-".join([asked.method, *asked.set])
@@ -91,7 +92,7 @@ def fold_figures(asked: argparse.Namespace, data: Recordings, fold: int) -> dict
 
 
 def learnt(asked: argparse.Namespace, data: Recordings, fold: int, held_out: Any, name: str) -> Recogniser:
-    """A recogniser that has not seen the fold."""
+    """Return a recogniser that has learnt from the other folds."""
     crops, whole = asked.out / f"crops-{fold}", asked.out / f"crops-{fold}.whole"
     if not whole.exists():
         others = np.setdiff1d(np.arange(len(data)), held_out)
@@ -105,20 +106,20 @@ def learnt(asked: argparse.Namespace, data: Recordings, fold: int, held_out: Any
 
 
 def as_rows(boxes: Boxes) -> list[Any]:
-    """Boxes as plain data."""
+    """Return boxes as plain data."""
     names = ("start", "stop", "identity", "label", "score", "box")
     return list(zip(*(getattr(boxes, name).tolist() for name in names), strict=True))
 
 
 def pooled(figures: Iterable[dict[str, Any]], classes: int) -> str:
-    """Average precision of the pictures of all folds, in which scores of several recognisers are ranked together."""
+    """Return the mAP of the pictures of all folds as text. Scores of several recognisers are ranked together."""
     pictures = [picture for one in figures for picture in one["pictures"]]
     found = precision([(Boxes.of(there), Boxes.of(boxes)) for there, boxes in pictures], classes)
     return f"mAP {found.mean:.3f}, box AP {found.box:.3f}"
 
 
 def told(*figures: dict[str, Any]) -> str:
-    """In one line."""
+    """Return figures as one line of text."""
     mean = {name: np.mean([one[name] for one in figures]) for name in ("map", "box_ap", "ms")}
     sums = {name: sum(one[name] for one in figures) for name in ("switches", "objects", "missed", "boxes")}
     return (

@@ -1,12 +1,13 @@
-"""Accuracy against the ms that were seen: `python benchmarks/recognise_time.py --out FOLDER`.
+"""Accuracy against the seen ms of a recording: `python benchmarks/recognise_time.py --out FOLDER`.
 
-Each method learns from nine tenths of the recordings (`Recordings.folds`), and is asked about the first ms of the rest.
-Results are kept in the folder: run the same command again to resume. At the end it prints a table and writes
-`accuracy.png` there. `--method "hats:poker readout=svm"` measures one, with a preset and settings.
+Each method learns from nine tenths of the recordings (`Recordings.folds`), and decides the others from their first ms.
+Results are stored in the folder, so the same command continues an interrupted run. At the end the script prints a table
+and writes `accuracy.png` to the folder. `--method "hats:poker readout=svm"` measures one method, with a preset and
+settings.
 
-`--stop` tells when to stop for an allowed error instead: networks, beginnings and rules are learnt from the same nine
-tenths, and tried on the rest, which had no say in anything. The other figures are of nine tenths of these nine tenths
-on the last (`stopping.outcome`).
+`--stop` instead prints when a decision may stop for an allowed error. Networks, beginnings and rules are learnt from
+the same nine tenths, and tested on the other recordings, which are not used before. The other figures are for rules
+that are learnt from nine tenths of these nine tenths, and tested on the last tenth (`stopping.outcome`).
 """
 
 from __future__ import annotations
@@ -33,19 +34,19 @@ from neuro_recognise.telling.pictures import GREY, INK, PAPER
 
 EVERY_MS = 10.0
 FOLDS = 10
-"""Of which the first is tested."""
+"""Number of folds, of which the first is tested."""
 TIMES_MS = (10, 20, 30, 50, 80, 100, 140, 200, 300)
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7b4fb3", "#17263c", "#8a94a3", "#b8860b")
 DEAR = ("hfirst", "mozafari", "edhmax_tempotron", "hots")
-"""Methods that take longest, so come last."""
+"""Methods that take longest and therefore come last."""
 CASES = ("hats readout=ridge", "remus epochs=3")
 ALLOWED = (0.075, 0.085, 0.1, 0.125, 0.15)
 ASSURANCES = (0.5, 0.9)
-"""When to stop: of these methods, for these errors."""
+"""Methods, allowed errors and assurances of the table of `--stop`."""
 
 
 def main() -> None:
-    """Measure, print and draw."""
+    """Measure all methods, print the table and draw the figure."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--data", type=Path, default=NMNIST)
     options.add_argument("--part", default="Train")
@@ -76,7 +77,7 @@ def main() -> None:
 
 
 def print_rules(case: str, learning: Recordings, tried: Recordings, asked: argparse.Namespace) -> None:
-    """A table of rules that are learnt from some recordings and tried on others."""
+    """Print a table of rules that are learnt from some recordings and tested on others."""
     made = prepared(case, learning, asked.out)
     if made.early is None:
         file = asked.out / f"{place(case)}.h5"
@@ -89,20 +90,20 @@ def print_rules(case: str, learning: Recordings, tried: Recordings, asked: argpa
 
 
 def default_cases() -> list[str]:
-    """All methods; least squares where a support vector machine would be trained at every moment."""
+    """Return all methods. Least squares replace a support vector machine that would be trained at every moment."""
     names = sorted(METHODS, key=lambda name: DEAR.index(name) if name in DEAR else -1)
     return [f"{name} readout=ridge" if METHODS[name].by_moment else name for name in names]
 
 
 def of_case(case: str) -> Method:
-    """A method by its name, with a preset and settings."""
+    """Return the method of a text such as "hats:poker readout=svm": name, preset and settings."""
     told, *settings = case.split()
     name, _, preset = told.partition(":")
     return method_of(name, preset, assignments(settings))
 
 
 def prepared(case: str, learning: Recordings, folder: Path) -> Recogniser:
-    """What a method learns, from the folder or learnt now; beginnings, too, where it needs them."""
+    """Return a trained recogniser, from the folder or trained now, also on beginnings if the method needs them."""
     file = folder / f"{place(case)}.h5"
     made = fit(learning, of_case(case), out=file)
     needs = made.method.by_moment and made.early is None
@@ -110,7 +111,7 @@ def prepared(case: str, learning: Recordings, folder: Path) -> Recogniser:
 
 
 def measured(case: str, learning: Recordings, held: Recordings, times: Ints, folder: Path) -> Floats:
-    """(moments,) share of right decisions, from the folder or found now."""
+    """Return the share of right decisions at each moment, (moments,), from the folder or measured now."""
     file, told = folder / f"{place(case)}.npz", f"{case} {EVERY_MS:g} {FOLDS} {learning.fingerprint()}"
     if file.exists():
         with np.load(file) as kept:
@@ -124,17 +125,17 @@ def measured(case: str, learning: Recordings, held: Recordings, times: Ints, fol
 
 
 def scores_of(made: Recogniser, item: Sample, times: Ints) -> Floats:
-    """(moments, classes) of the first ms of a recording."""
+    """Return the scores of a recording at each moment, (moments, classes)."""
     return made.scores_at(item.load(), (times / 1000).tolist())
 
 
 def place(case: str) -> str:
-    """Its name as that of a file."""
+    """Return the name of a case as the name of a file."""
     return case.replace(" ", ",").replace("/", "-").replace(":", "-")
 
 
 def seen_of(made: Recogniser, tried: Recordings, file: Path) -> Held:
-    """What is decided of recordings at each moment, from a file or found now."""
+    """Return the decisions about recordings at each moment, from a file or made now."""
     assert made.early is not None
     times = made.early.held.times_us
     if file.exists():
@@ -148,7 +149,7 @@ def seen_of(made: Recogniser, tried: Recordings, file: Path) -> Held:
 
 
 def rules(held: Held, seen: Held) -> Iterator[tuple[str, ...]]:
-    """A row for each allowed error and assurance: rules of some recordings on others."""
+    """Yield a row for each allowed error and assurance. The rules come from `held`, and are tested on `seen`."""
     for allowed in ALLOWED:
         for assurance in ASSURANCES:
             told = f"{allowed:.1%}", f"{assurance:g}"
@@ -166,7 +167,7 @@ def rules(held: Held, seen: Held) -> Iterator[tuple[str, ...]]:
 
 
 def drawn(found: dict[str, Floats], times: Ints, told: str) -> Figure:
-    """Accuracy along time, a line for each method."""
+    """Draw the accuracy over time, with a line for each method."""
     figure = Figure(figsize=(9.6, 4.8), dpi=140, layout="constrained", facecolor=PAPER)
     axis = figure.subplots()
     best_first = sorted(found.items(), key=lambda one: -one[1][-1])

@@ -1,11 +1,12 @@
-"""How well a method recognises: `python benchmarks/recognisers.py nmnist|poker|poker-upright|mnist|natural METHOD`.
+"""Accuracy of a method: `python benchmarks/recognisers.py nmnist|poker|poker-upright|mnist|natural METHOD`.
 
-`--preset` and `--set` change it as they do `neuro recognise train`; POKER-DVS has ReMuS' preset for it.
+`--preset` and `--set` have the same meaning as in `neuro recognise train`. On POKER-DVS, ReMuS has its preset for it.
 
-Stratified folds of the recordings to train on, anew for each of `--seeds`; each fold is tested with what was learnt
-from the others. `--random N` takes N random splits into 900 recordings to learn from and 100 to test instead. Prints
-the accuracy by each vote: of each seed or split, mean, deviation and interval, and seconds of one core. `--backend
-loihi` trains and tests with 8-bit weights. `natural` tells 120 crops of scikit-learn's two photographs apart.
+The training recordings are divided into stratified folds, anew for each of `--seeds`. Each fold is tested after
+learning from the other folds. `--random N` instead makes N random splits into 900 recordings to learn from and 100 to
+test. The script prints the accuracy by each vote for each seed or split, mean, deviation and interval, and CPU seconds.
+`--backend loihi` trains and tests with 8-bit weights. `natural` has 120 crops of scikit-learn's two photographs, which
+are the classes.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ from neuro_recognise.shown import Features
 FILES = {"nmnist": NMNIST, "poker": POKER, "poker-upright": POKER, "mnist": SHARED / "mnist5k" / "mnist5k.npz"}
 PICTURES = ("mnist", "natural")
 Split = tuple[NDArray[np.int64], NDArray[np.int64]]
-"""Recordings to learn from, and to test."""
+"""Indices of the recordings to learn from, and of the recordings to test."""
 FIELD = (34, 34)
-"""px; the pips are crops from a sensor of 128 x 128 px."""
+"""Size of the pips of POKER-DVS in px, which are crops from a sensor of 128 x 128 px."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +51,7 @@ class Fold:
     backend: str
 
     def run(self, report: Callable[[Any], None]) -> tuple[dict[str, NDArray[np.bool_]], float, float]:
-        """Which of the others are decided rightly, by each vote; and CPU to learn and to decide, s."""
+        """Return masks of the rightly decided test recordings by vote, and CPU s of learning and of deciding."""
         began, (others, held_out) = time.process_time(), self.split
         made = learn(self.method, self.shown.take(others), "fold", seed=self.seed, backend=self.backend)
         learnt, part = time.process_time(), self.shown.take(held_out)
@@ -60,7 +61,7 @@ class Fold:
 
 
 def splits(data: Recordings, folds: int, seeds: int, random: int, only: int) -> dict[int, list[Split]]:
-    """Recordings to learn from, and to test, of each seed."""
+    """Return the splits of each seed."""
     if not random:
         return {seed: data.folds(folds, seed=seed)[: only or folds] for seed in range(seeds)}
     orders = {seed: np.random.default_rng([seed, 14]).permutation(len(data)) for seed in range(random)}
@@ -68,9 +69,10 @@ def splits(data: Recordings, folds: int, seeds: int, random: int, only: int) -> 
 
 
 def crops() -> Path:
-    """Crops of a temple and of a flower, side by side, 32 x 32 px of 2 x 2 px of a photograph, faded to black outwards.
+    """Return the path of crops of a temple and of a flower, side by side.
 
-    Filters would answer most to the ends of crops that are not black there.
+    A crop has 32 x 32 px, each the mean of 2 x 2 px of a photograph. It fades to black outwards, because filters would
+    respond most to edges of the crop that are not black.
     """
     from sklearn.datasets import load_sample_images
 
@@ -85,7 +87,7 @@ def crops() -> Path:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure all splits and print the figures."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("case", choices=[*FILES, "natural"])
     options.add_argument("method", help="see 'neuro recognise list'")

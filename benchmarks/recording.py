@@ -1,10 +1,10 @@
-"""Recording to disk: memory, what a kill loses, and what probes cost.
+"""Recording to disk: memory, loss of data when the process is killed, and processor time of probes.
 
     python benchmarks/recording.py memory [MINUTES]    spikes of 10,000 neurons at 5 Hz and V_m of 100, to a file
     python benchmarks/recording.py kill [SECONDS]      the same, killed after so many seconds, then read
     python benchmarks/recording.py probe               a Brunel network with and without a probe of 100 neurons
 
-Memory is the largest resident size of the process (VmHWM) less that after 10 s of biological time.
+Memory is the largest resident size of the process (VmHWM) minus its size after 10 s of biological time.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ NEURONS, RATE, PROBED = 10_000, 5.0, 100
 
 
 def firing() -> neuro.Network:
-    """10,000 neurons that fire at about 5 Hz, each by itself, at irregular times; V_m of 100 is probed each ms."""
+    """Return 10,000 independent neurons that fire irregularly at about 5 Hz. V_m of 100 neurons is probed each ms."""
     net = neuro.Network("firing", resolution=1.0)
     net.population("drive", NEURONS, neuro.poisson_generator(rate=RATE))
     cells = net.population("cells", NEURONS, neuro.iaf_psc_delta())
@@ -36,7 +36,7 @@ def firing() -> neuro.Network:
 
 
 def probed(every: float | None) -> neuro.Network:
-    """Brunel's network with a probe of V_m of some neurons, or without."""
+    """Return Brunel's network with a probe of V_m of some neurons, or without a probe."""
     net = brunel()
     if every is not None:
         net.probe("V_m", net.populations["exc"][:PROBED], "V_m", every=every)
@@ -49,7 +49,7 @@ def _resident_mb(word: str = "VmHWM") -> float:
 
 
 def memory(minutes: float) -> None:
-    """Print how memory grows."""
+    """Print the growth of memory."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.h5"
         sim = neuro.compile(firing())
@@ -70,7 +70,7 @@ def memory(minutes: float) -> None:
 
 
 def run_until_killed(path: str) -> None:
-    """Run for good; print the wall time and the biological time of each stretch that is done."""
+    """Run without end. Print the wall time and the biological time of each finished stretch."""
     sim = neuro.compile(firing())
     with sim.record_to(path):
         while True:
@@ -79,7 +79,7 @@ def run_until_killed(path: str) -> None:
 
 
 def kill(seconds: float) -> None:
-    """Print what a kill loses."""
+    """Print the biological time that is lost when the process is killed."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.h5"
         log = Path(folder) / "log"
@@ -100,7 +100,7 @@ def kill(seconds: float) -> None:
 
 
 def probe() -> None:
-    """Print what a probe costs: medians of stretches in turn."""
+    """Print the time of a run with and without a probe, as medians of alternating stretches."""
     names = {"none": None, "every 0.1 ms": 0.1, "every 1 ms": 1.0}
     sims = {name: neuro.compile(probed(every)) for name, every in names.items()}
     taken: dict[str, list[float]] = {name: [] for name in names}

@@ -1,11 +1,12 @@
-"""Whether chips decide as the float simulator: `python benchmarks/remus_chips.py --preset adapted|best`.
+"""Decisions of chips beside the float simulator: `python benchmarks/remus_chips.py --preset adapted|best`.
 
-A network learns on `event`; its recordings are then shown to the same network with the same weights on each backend.
-With `--folds 5` each recording is shown to a network that has not learnt from it. Prints the share of frames with the
-same label and winner, the share of recordings with the same decision by each vote, the accuracy, and the time.
+A network learns on `event`. Then the same network with the same weights decides recordings on each backend. With
+`--folds 5` each recording is decided by a network that has not learnt from it. The script prints the share of frames
+with the same label and winner, the share of recordings with the same decision by each vote, the accuracy and the time.
 
-`--times 5` prints microseconds of a frame instead, learning and not: processor time of one thread on a tenth of the
-recordings, the least of so many rounds, in which the backends take turns; and beside it that by the first backend.
+`--times 5` instead prints the microseconds of a frame with and without learning. This is the processor time of one
+thread on a tenth of the recordings, the least of 5 rounds in which the backends take turns. Beside it is its ratio to
+the time of the first backend.
 """
 
 from __future__ import annotations
@@ -33,14 +34,14 @@ from neuro_recognise.recogniser import Recogniser, learn
 from neuro_recognise.shown import Features
 
 BACKENDS = ["event", "loihi", "spinnaker"]
-"""The first one is what the others are compared with."""
+"""Backends, of which the first is the reference of the others."""
 
 FRAMES = ("frame_label", "frame_winner", "frame_step")
 Found = dict[str, np.ndarray[Any, Any]]
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure all backends and print the table."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--data", type=Path, default=NMNIST, help="recordings")
     options.add_argument("--preset", choices=("best", "adapted"), default="best")
@@ -76,7 +77,7 @@ def main() -> None:
 
 
 def time_frames(method: Remus, shown: Features, backends: list[str], rounds: int) -> None:
-    """Print microseconds of a frame on each backend."""
+    """Print the microseconds of a frame on each backend."""
     frames = Frames.of(shown)
     net = method.layer.network(method.inputs, len(shown.classes))
     sims = {backend: neuro.compile(net, backend=backend, seed=0) for backend in backends}
@@ -96,7 +97,7 @@ def time_frames(method: Remus, shown: Features, backends: list[str], rounds: int
 
 
 def models(shown: Features, folds: list[Split], method: Remus, seed: int) -> Iterator[tuple[Recogniser, Features]]:
-    """Recognisers, and the recordings to show to each."""
+    """Yield recognisers, each with the recordings that it decides."""
     if not folds:
         yield learn(method, shown, "all", seed=seed), shown
         return
@@ -105,7 +106,7 @@ def models(shown: Features, folds: list[Split], method: Remus, seed: int) -> Ite
 
 
 def decided(made: Recogniser, shown: Features, backend: str) -> Found:
-    """What a backend decides: of frames label, winner and step, of recordings the votes and whether they are right."""
+    """Return the decisions of a backend: label, winner and step of frames, and votes of recordings with right votes."""
     method = made.method
     assert isinstance(method, Remus)
     sim = method.simulation(made.learnt, backend)
@@ -121,19 +122,19 @@ def decided(made: Recogniser, shown: Features, backend: str) -> Found:
 
 
 def joined(parts: list[Found]) -> Found:
-    """What was found with several models, one after the other."""
+    """Return the joined decisions of several models."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def compared(mine: Found, first: Found) -> dict[str, float]:
-    """Shares that are the same, accuracies, and the time of a frame."""
+    """Return the shares of equal decisions, the accuracies, and the time of a frame."""
     same = {f"same_{name}": float(np.mean(mine[name] == first[name])) for name in (*FRAMES, *VOTES)}
     right = {f"{vote}_accuracy": float(mine[f"{vote}_right"].mean()) for vote in VOTES}
     return same | right | {"decide_ms_a_frame": 1e3 * float(mine["seconds"].sum()) / len(mine["frame_label"])}
 
 
 def learning_time(shown: Features, method: Remus, backend: str) -> float:
-    """Seconds of one core for a frame of one epoch, over a fifth of the recordings."""
+    """Return the processor time of a frame in one epoch of learning in s, over a fifth of the recordings."""
     part = shown.take(range(0, len(shown), 5))
     learn(method, part.take(range(2)), "two", backend=backend)  # compiles
     began = time.process_time()

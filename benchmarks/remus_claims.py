@@ -1,12 +1,15 @@
 """Claims of the thesis on ReMuS: `python benchmarks/remus_claims.py CLAIM nmnist|poker|digits6789`.
 
-fields: accuracy by the side of the receptive field, which figure 49 shows, with 8 grids and rescue, the same with a
-threshold in proportion to the inputs of a field, and with the rule of the preset `adapted`, two grids. dropout: by
-dropout and its decay, by that rule. rates: punishment as strong as reward (line 2444), by that rule and with 8 grids.
-unsupervised: every decision is rewarded, whatever the label (section 6.2.5); grids are then named by the frames that
-they win, or a linear machine reads their potentials. Of `nmnist` 300 recordings are learnt from and 300 tested, of the
-others four folds and the fifth. `digits6789` are 240 recordings that no setting was chosen on. Prints mean and
-deviation of the seeds and draws them. `--set` changes all; FOLDER/CLAIM-DATA/ has a file a seed, not done again.
+- fields: accuracy by the side of the receptive field (figure 49), with 8 grids and rescue, with the same and a
+  threshold in proportion to the inputs of a field, and with the rule of the preset `adapted` and two grids
+- dropout: accuracy by dropout and its decay, with the rule of `adapted`
+- rates: punishment as strong as reward (line 2444), with the rule of `adapted` and with 8 grids
+- unsupervised: every decision is rewarded, whatever the label (section 6.2.5). Then grids get the label of the frames
+  that they win, or a linear machine reads their potentials.
+
+On `nmnist` 300 recordings are learnt and 300 tested, on the others four folds are learnt and the fifth is tested. No
+setting was chosen on `digits6789`, 240 recordings. The script prints mean and deviation of the seeds and draws them.
+`--set` changes settings of all trainings. FOLDER/CLAIM-DATA/ has a file for each seed, and no seed is repeated.
 """
 
 from __future__ import annotations
@@ -72,7 +75,7 @@ class Trial:
     file: Path
 
     def work(self, report: Callable[[Any], None]) -> dict[str, Any]:
-        """Return accuracies by what reads the network, and the share of grids that win a frame."""
+        """Return accuracies by the kind of read-out, and the share of grids that win a frame."""
         learnt = self.method.fit(self.learning, Course(self.of["seed"]))
         sim = self.method.simulation(learnt)
         (winners, of, potentials), (tested, of_held, potentials_held) = (
@@ -97,7 +100,10 @@ class Trial:
         return {"provenance": provenance(backend="event", seed=self.of["seed"]), "shares": shares}
 
     def _answers(self, sim: neuro.Simulation, learnt: Any, shown: Features) -> tuple[Ints, Ints, Any]:
-        """(frames,) the grid that wins, -1 for none; (frames,) the recording; (recordings, grids) potentials."""
+        """Return the winning grid of each frame or -1, (frames,), its recording, (frames,), and potentials.
+
+        The potentials have the shape (recordings, grids).
+        """
         results, frames = self.method.present(sim, learnt, shown)
         layer, (_, height, width) = self.method.layer, self.method.inputs.shape
         assert isinstance(layer, RemusLayer)
@@ -107,7 +113,7 @@ class Trial:
 
 
 def main() -> None:
-    """Measure, print and draw."""
+    """Train all seeds, print the table and draw the figure."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("claim", choices=CASES)
     options.add_argument("data", choices=FILES)
@@ -148,12 +154,12 @@ def main() -> None:
 
 
 def columns(shares: list[dict[str, float]], reads: list[str]) -> list[list[float]]:
-    """Return the percentages of all seeds by what reads."""
+    """Return the percentages of all seeds, by read-out."""
     return [[100 * one[read] for one in shares] for read in reads]
 
 
 def drawn(table: Mapping[str, list[dict[str, float]]], reads: list[str]) -> Figure:
-    """Return a picture of all seeds: a dot each, a bar for the mean."""
+    """Draw a dot for each seed, and a bar for the mean."""
     figure = Figure(figsize=(7.2, 3.4), dpi=140, layout="constrained")
     axis = figure.subplots()
     for k, read in enumerate(reads):

@@ -1,7 +1,8 @@
-"""ReMuS before its first frame, `python benchmarks/remus_early.py`: accuracy against ms seen, on frames and surfaces.
+"""Accuracy of ReMuS against seen ms, on frames and on surfaces: `python benchmarks/remus_early.py`.
 
-One fold of N-MNIST's training recordings. Three networks or readings: taught and asked on MSD's frames, the same
-network asked on surfaces, and one that surfaces have taught (`--own`, which takes five times as long).
+Surfaces allow decisions before the first frame. The script uses one fold of the training recordings of N-MNIST. A
+network that has learnt from the frames of MSD decides on frames and on surfaces. `--own` adds a network that has learnt
+from surfaces, which takes five times as long.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ AT_ONCE = 25
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure all cases and print the table."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--data", type=Path, default=NMNIST)
     options.add_argument("--epochs", type=int, default=3)
@@ -41,7 +42,7 @@ def main() -> None:
 
 
 def measured(learning: Recordings, held: Recordings, epochs: int, own: bool) -> Iterator[tuple[str, ...]]:
-    """A row for each way of reading."""
+    """Yield a row for each case."""
     early = method_of("remus", "early", {"epochs": epochs})
     made = fit(learning, method_of("remus", values={"epochs": epochs}))
     yield "MSD's frames", *accuracies(made, held)
@@ -52,12 +53,12 @@ def measured(learning: Recordings, held: Recordings, epochs: int, own: bool) -> 
 
 
 def looks(method: Method) -> dict[str, object]:
-    """How a method looks at recordings."""
+    """Return the settings by which a method turns recordings into frames or surfaces."""
     return {name: getattr(method, name) for name in ("segmenter", "representation")}
 
 
 def accuracies(made: Recogniser, held: Recordings) -> Iterator[str]:
-    """Share of right decisions at each time, and what a moment takes."""
+    """Yield the share of right decisions at each time, and the duration of a decision, as texts."""
     right, began = np.zeros(len(TIMES_MS)), time.process_time()
     ask = made.method.asker(made.learnt)
     for first in range(0, len(held), AT_ONCE):

@@ -1,11 +1,11 @@
-"""ReMuS tuned: threshold and grids, right decisions against joules on Loihi, inside folds.
+"""Tuning of ReMuS in folds: right decisions against joules on Loihi, by threshold and grids.
 
     neuro tune run benchmarks/remus_tune.yaml --out FOLDER --with benchmarks/remus_tune.py --workers 1
     neuro tune test FOLDER --with benchmarks/remus_tune.py --workers 1
     neuro tune plot FOLDER
 
-A quarter of the recordings is held out first; the folds divide the others. A trial learns from all folds but one and is
-tested on that one; the held-out quarter is decided by `neuro tune test` alone, learnt from all the others.
+A quarter of the recordings is held out first, and the others are divided into folds. A trial learns from all folds but
+one, and is tested on that fold. Only `neuro tune test` decides the held-out quarter, after learning from all others.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from neuro_recognise.shown import Features, Ints
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "nmnist" / "nmnist_train1000_bin.zip"
 HELD_OUT = 4
-"""One recording of so many is held out."""
+"""One of `HELD_OUT` recordings is held out."""
 
 
 @neuro.register(kind="study")
 def remus(
     theta: float, per_class: int, field: int, fold: int | None, folds: int, epochs: int = 8, seed: int = 0
 ) -> dict[str, float]:
-    """Share of right decisions, and joules of one on Loihi at both clocks, of ReMuS with some threshold, grids, field.
+    """Train and test ReMuS. Return the share of right decisions, and joules per decision on Loihi at both clocks.
 
     Args:
         theta: threshold of the grids, mV.
-        per_class: grids of each class.
+        per_class: number of grids of each class.
         field: side of their receptive field, cells.
-        fold: that is tested; None for the held-out recordings.
-        folds: in how many the others are divided.
-        epochs: how often all recordings to learn from are shown.
-        seed: of the learning.
+        fold: index of the tested fold; None to test the held-out recordings.
+        folds: number of folds of the other recordings.
+        epochs: number of times that each recording to learn from is shown.
+        seed: seed of the learning.
     """
     values = {"theta": theta, "per_class": per_class, "field": field, "epochs": epochs}
     method = Remus().changed(values).fitting((34, 34))
@@ -57,7 +57,7 @@ def remus(
 
 
 def divided(fold: int | None, folds: int) -> tuple[Ints, Ints]:
-    """Which recordings are learnt from, and which are decided."""
+    """Return the indices of the recordings to learn from, and of the recordings to decide."""
     inside, held_out = recordings(DATA).folds(HELD_OUT, seed=0)[0]
     if fold is None:
         return inside, held_out
@@ -67,5 +67,5 @@ def divided(fold: int | None, folds: int) -> tuple[Ints, Ints]:
 
 @cache
 def evidence() -> Features:
-    """What the recordings show, which does not depend on what is tuned."""
+    """Return the features of the recordings, which do not depend on the tuned settings."""
     return observe(Remus().fitting((34, 34)), recordings(DATA))

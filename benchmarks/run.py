@@ -1,4 +1,4 @@
-"""How a figure is taken: after a warm-up, in the units of the peers' scripts.
+"""Timing of a network after a warm-up, in the units of the scripts of other simulators.
 
     python benchmarks/run.py brunel|cuba|stdp [--threads 1] [--T 1000] [--pairs N]
     python benchmarks/run.py loop [--steps N] [--resolution 0.1] [--plain]
@@ -28,14 +28,14 @@ STEP_MS = 50.0
 
 
 def seconds(work: Any, *args: Any) -> float:
-    """How long a call takes."""
+    """Return the wall time of a call, s."""
     began = time.perf_counter()
     work(*args)
     return time.perf_counter() - began
 
 
 def running(net: neuro.Network, ms: float, threads: int = 1) -> dict[str, Any]:
-    """Time a network that runs by itself, after a warm-up of 100 ms."""
+    """Time a network without a closed loop, after a warm-up of 100 ms."""
     began = time.perf_counter()
     sim = neuro.compile(net, seed=12345, threads=threads)
     sim.run(net.resolution)
@@ -60,7 +60,7 @@ def running(net: neuro.Network, ms: float, threads: int = 1) -> dict[str, Any]:
 
 
 def in_pairs(net: neuro.Network, ms: float, rounds: int, threads: int = 2) -> dict[str, Any]:
-    """Time windows of a network on one thread and on several, in turn; gains are one / several."""
+    """Time windows of a network in turn on one thread and on several. A gain is the time on one / the time on several."""
     sims = {n: neuro.compile(net, seed=12345, threads=n) for n in (1, threads)}
     wall: dict[int, list[float]] = {n: [] for n in sims}
     cpu: dict[int, list[float]] = {n: [] for n in sims}
@@ -88,13 +88,13 @@ def in_pairs(net: neuro.Network, ms: float, rounds: int, threads: int = 2) -> di
 
 
 def emitted(sim: neuro.Simulation) -> int:
-    """Spikes of all neurons, without those of generators."""
+    """Return the number of spikes of all neurons, without generators."""
     counts = sim.counts().populations
     return sum(counts[p.name].spikes for p in sim.program.populations if p.model.states)
 
 
 class ClosedLoop:
-    """The closed loop as a robot would drive it: each step sets rates and dopamine, runs, reads spikes and weights."""
+    """A closed loop as with a robot: each step sets rates and dopamine, runs, and reads spikes and weights."""
 
     def __init__(self, net: neuro.Network) -> None:
         self.sim = neuro.compile(net, seed=12345)
@@ -104,7 +104,7 @@ class ClosedLoop:
         self.counts, self.weights = np.zeros(4, dtype=np.int64), np.zeros(256)
 
     def step(self) -> tuple[Any, Any]:
-        """One step of 50 ms."""
+        """Make a step of 50 ms."""
         self.rate.set(self.rng.uniform(0.0, 80.0, 64))
         self.reward.set(self.rng.uniform(-0.02, 0.02, 4))
         self.sim.run(STEP_MS)
@@ -112,16 +112,16 @@ class ClosedLoop:
         return self.fired.get(self.counts), self.learnt.get(self.weights)
 
     def steps(self, count: int) -> None:
-        """Many of them."""
+        """Make `count` steps."""
         for _ in range(count):
             self.step()
 
 
 class PlainLoop(ClosedLoop):
-    """The same without ports."""
+    """The closed loop without ports."""
 
     def step(self) -> tuple[Any, Any]:
-        """One step of 50 ms."""
+        """Make a step of 50 ms."""
         sim, now = self.sim, self.sim.time
         sim.set("noise", rate=self.rng.uniform(0.0, 80.0, 64))
         sim.signal("reward", self.rng.uniform(-0.02, 0.02, 4))
@@ -152,7 +152,7 @@ def looping(net: neuro.Network, steps: int, loop_of: type[ClosedLoop] = ClosedLo
 
 
 def on_chip(name: str, steps: int = 0) -> dict[str, Any]:
-    """Steps per second after a warm-up of 50 steps, counting included: of the processor's time and of the clock's."""
+    """Return steps per second with counts, after a warm-up of 50 steps, by processor time and by wall time."""
     steps = steps or (20_000 if name == "ff" else 3_000)
     net = CHIP_NETWORKS[name]()
     began = time.perf_counter()
@@ -177,7 +177,7 @@ def on_chip(name: str, steps: int = 0) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print the line."""
+    """Time the chosen network and print the line."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("case", choices=[*NETWORKS, "loop", *CHIP_NETWORKS])
     options.add_argument("--threads", type=int, default=1)

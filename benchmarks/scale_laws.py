@@ -1,4 +1,4 @@
-"""How time and memory grow with the network, beside what memory can do.
+"""Growth of time and memory with the size of a network, beside the bandwidth of memory.
 
     python benchmarks/scale_laws.py measure [--quick] [--out FILE.json]    up to 8 GB, 6 minutes; with --quick 2
     python benchmarks/scale_laws.py table FILE.json
@@ -6,9 +6,10 @@
     python benchmarks/scale_laws.py point microcircuit 0.3 [--indegree 1]  one of them, as a JSON line
     python benchmarks/scale_laws.py memory                                 bandwidth of this machine
 
-The microcircuit grows in two ways: with all inputs of each neuron at any size (`indegree` 1), and as its file has it,
-with as large a share of them. Brunel's network keeps 1000 inputs a neuron: 10 % would be 10^9 synapses at 10^5 neurons.
-Time is of the processor, one thread, the fastest of several stretches; each point has a process of its own.
+The microcircuit grows in two ways: with all inputs of each neuron at any size (`indegree` 1), and with the share of
+inputs in its file, which equals the size. Brunel's network always has 1000 inputs per neuron, because 10 % would be
+10^9 synapses at 10^5 neurons. Time is the processor time of one thread in the fastest of several stretches. Each point
+has a process of its own.
 """
 
 from __future__ import annotations
@@ -43,12 +44,12 @@ QUICK = (
 
 
 def network(case: str, size: float, indegree: float) -> neuro.Network:
-    """A network by its name and size: a share of the microcircuit, or neurons of Brunel's."""
+    """Return a network. `size` is a share of the microcircuit, or the number of neurons of Brunel's network."""
     return circuit(size, indegree) if case == "microcircuit" else brunel(int(size))
 
 
 def point(case: str, size: float, indegree: float) -> dict[str, Any]:
-    """Build, warm up, and take the fastest stretch; then the same neurons without synapses among each other."""
+    """Build and warm up a network, and time its fastest stretch. Then time its neurons without synapses among them."""
     net = network(case, size, indegree)
     began = time.process_time()
     sim = neuro.compile(net, seed=1)
@@ -81,7 +82,7 @@ def point(case: str, size: float, indegree: float) -> dict[str, Any]:
 
 
 def neurons_alone(net: neuro.Network) -> float:
-    """Seconds of the processor for drive and neurons, a biological second."""
+    """Return the processor time of drive and neurons per biological second, s."""
     for name, part in list(net.projections.items()):
         if part.source in net.populations and net.populations[part.source].model.states:
             del net.projections[name]
@@ -116,7 +117,7 @@ def _gather(source, lines):
 
 
 def bandwidth(mb: int = 1024) -> dict[str, float]:
-    """GB/s of this machine's memory, one thread: copying (read + write), reading, and reading lines anywhere."""
+    """Return the memory bandwidth of one thread in GB/s: copies (read + write), reads, and reads of random cache lines."""
     size = mb * 2**20 // 8
     source, target = np.ones(size), np.zeros(size // 2)
     lines = np.random.default_rng(1).integers(0, size // 8, 8_000_000).astype(np.uint32)
@@ -138,7 +139,7 @@ def bandwidth(mb: int = 1024) -> dict[str, float]:
 
 
 def measure(points: tuple[tuple[str, float, float], ...]) -> dict[str, Any]:
-    """All points, each in a process of its own."""
+    """Measure all points, each in a process of its own."""
     found = []
     me = [sys.executable, __file__]
     for case, size, indegree in points:
@@ -152,7 +153,7 @@ def measure(points: tuple[tuple[str, float, float], ...]) -> dict[str, Any]:
 
 
 def series(points: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """The points by what grows, smallest first; the whole circuit belongs to both of its ways."""
+    """Return the points of each way to grow, the smallest first. The full microcircuit belongs to both of its ways."""
     names = {
         "microcircuit, all inputs": lambda p: p["case"] == "microcircuit" and p["indegree"] == 1.0,
         "microcircuit, fewer inputs": lambda p: p["case"] == "microcircuit" and p["indegree"] == p["size"],
@@ -163,7 +164,7 @@ def series(points: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
 
 
 def table(told: dict[str, Any]) -> str:
-    """The points as a table, and by how much the time of an event differs along each line."""
+    """Return the points as a table, and the spread of the time of an event along each way to grow."""
     lines = [
         "| network | neurons | synapses | ns an event | without drive and neurons | million events/s | "
         "peak GB | bytes a synapse |",
@@ -184,7 +185,7 @@ def table(told: dict[str, Any]) -> str:
 
 
 def draw(told: dict[str, Any], path: str) -> None:
-    """Time of an event, and memory."""
+    """Draw the time of an event, and memory."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 4.6), layout="constrained", dpi=130)
@@ -206,7 +207,7 @@ def draw(told: dict[str, Any], path: str) -> None:
 
 
 def main() -> None:
-    """Do what is asked for."""
+    """Run the chosen command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
     every = commands.add_parser("measure")

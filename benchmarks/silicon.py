@@ -1,7 +1,7 @@
-"""Joules against silicon: what bills predict beside what was measured on machines.
+"""Predicted bills beside measurements on real chips.
 
-`python benchmarks/silicon.py` describes each measured network, runs it, prices it and prints a table; `--json` for
-programs.
+`python benchmarks/silicon.py` describes and runs each measured network, computes its bill and prints a table. `--json`
+prints JSON.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ HERE = Path(__file__).resolve().parent / "measured"
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One measurement, and how it is predicted.
+    """A measurement, and the settings of its prediction.
 
     Attributes:
-        what: the machine and the network.
-        target: whose bill.
-        network: file of the network; `params` are its parameters, `ms` how long it runs.
-        share: the network is one such part of what was measured: dynamic energy is taken so often.
-        chips: that were on; None: those that the network needs.
-        step_s: how long a step took, where it was published; None: predicted, too.
-        neurons_per_core: where it was published.
-        quantity: what was measured, in J of the whole run, W, J a synaptic event, or s of the whole run.
+        what: machine and network.
+        target: chip of the bill.
+        network: file of the network. `params` has its parameters, and `ms` the simulated time.
+        share: number of such networks in the measurement; the dynamic energy is multiplied by it.
+        chips: number of powered chips; None for the chips that the network needs.
+        step_s: published duration of a step, s; None to predict it.
+        neurons_per_core: published number of neurons on a core.
+        quantity: measured quantity: J or s of the whole run, W, or J per synaptic event.
         measured: the published figure.
-        own: whether the table's best values were taken from this measurement.
-        ends: whether an end of a figure's range was, so that it lies within by itself.
-        source, how: where it is published, and how it was measured.
-        assumed: what the papers do not tell.
+        own: True if the best values of the table of costs come from this measurement.
+        ends: True if an end of the range of a figure comes from this measurement, which then must lie within.
+        source, how: publication, and method of the measurement.
+        assumed: facts that the papers do not report.
     """
 
     what: str
@@ -65,7 +65,7 @@ ROWS = tuple(Row(**words) for words in yaml.safe_load((HERE / "silicon.yaml").re
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a bill predicts in the unit of the measurement: low, best, high."""
+    """The prediction of a bill in the unit of the measurement: low, best, high."""
 
     row: Row
     low: float
@@ -75,17 +75,17 @@ class Outcome:
 
     @property
     def factor(self) -> float:
-        """Predicted by measured."""
+        """Predicted figure divided by the measured figure."""
         return self.best / self.row.measured
 
     @property
     def inside(self) -> bool:
-        """Whether the measurement lies within the bill's range."""
+        """True if the measurement lies within the range of the bill."""
         return self.low <= self.row.measured <= self.high
 
 
 def predict(row: Row) -> Outcome:
-    """Run and price the network of a row."""
+    """Run the network of a row, and predict the measurement."""
     sim = neuro.compile(neuro.load(HERE / row.network, params=row.params), seed=1)
     sim.run(row.ms)
     target = chip(row.target)
@@ -112,7 +112,7 @@ UNITS = {"dynamic J": "J", "J": "J", "W": "W", "J/event": "J", "s": "s"}
 
 
 def table(found: Sequence[Outcome]) -> str:
-    """The outcomes as rows of a page."""
+    """Return the outcomes as a table for a page."""
     from neuro.apps import quantity
 
     head = "| what | predicted | range | measured | predicted / measured | |\n| --- | --- | --- | --- | --- | --- |"
@@ -129,7 +129,7 @@ def table(found: Sequence[Outcome]) -> str:
 
 
 def main() -> int:
-    """Print the table, and of each row where it is from."""
+    """Print the table, and the source of each row."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--json", action="store_true", help="print JSON instead of a table")
     asked = options.parse_args()

@@ -1,7 +1,7 @@
-"""How a network fires: rates, irregularity and correlations of each population, with standard errors.
+"""Statistics of spikes: rates, irregularity and correlations of each population, with standard errors.
 
-Spikes of a stretch are a `Recording`; `measured` gives its figures, `together` those of several seeds, `apart` how
-far two lie from each other.
+A `Recording` has the spikes of a stretch. `measured` returns its figures, `together` joins the figures of several seeds,
+and `apart` returns the difference of two figures.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 BIN_MS = 2.0
 BLOCKS = 10
 LEAST_SPIKES = 10
-"""Neurons with fewer have no irregularity of their own."""
+"""Least number of spikes of a neuron for which its irregularity is computed."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class Train:
     """Spikes of one population.
 
     Attributes:
-        size: how many neurons it has.
-        times, neurons: of each spike, in ms and as ids of the population.
+        size: number of neurons.
+        times, neurons: time in ms, and id, of each spike, (spikes,).
     """
 
     size: int
@@ -36,14 +36,14 @@ class Train:
 
 @dataclass(frozen=True)
 class Recording:
-    """Spikes of all populations in (begin, end] ms."""
+    """Spikes of all populations after `begin` and up to `end`, ms."""
 
     begin: float
     end: float
     trains: Mapping[str, Train]
 
     def save(self, path: str | Path) -> None:
-        """Write an .npz: `window`, and of each population `NAME_size`, `NAME_times`, `NAME_neurons`."""
+        """Write an .npz with `window`, and for each population `NAME_size`, `NAME_times` and `NAME_neurons`."""
         arrays: dict[str, Any] = {"window": [self.begin, self.end]}
         for name, train in self.trains.items():
             arrays |= {f"{name}_size": train.size, f"{name}_times": train.times}
@@ -52,7 +52,7 @@ class Recording:
 
     @classmethod
     def load(cls, path: str | Path) -> Recording:
-        """Read what `save` wrote."""
+        """Read a recording from the file of `save`."""
         with np.load(path) as file:
             names = [key.removesuffix("_size") for key in file if key.endswith("_size")]
             trains = {
@@ -72,19 +72,19 @@ class Figure:
 
 
 def rate(train: Train, begin: float, end: float) -> Figure:
-    """Spikes of a neuron in a second; the error is that of the mean of ten blocks of time."""
+    """Return the mean rate of a neuron in Hz. Its error is the error of the mean over ten blocks of time."""
     block = np.minimum(((train.times - begin) / (end - begin) * BLOCKS).astype(np.int64), BLOCKS - 1)
     seconds = (end - begin) / BLOCKS / 1e3
     return over(np.bincount(block, minlength=BLOCKS) / train.size / seconds)
 
 
 def irregularity(train: Train, least: int = LEAST_SPIKES) -> Figure:
-    """The mean of `irregularities`; NaN without any."""
+    """Return the mean of `irregularities`, or NaN if there is none."""
     return over(irregularities(train, least))
 
 
 def irregularities(train: Train, least: int = LEAST_SPIKES) -> NDArray[np.float64]:
-    """Coefficient of variation of the intervals of each neuron with so many spikes."""
+    """Return the coefficient of variation of the intervals of each neuron with at least `least` spikes."""
     order = np.lexsort((train.times, train.neurons))
     times, neurons = train.times[order], train.neurons[order]
     inside = neurons[1:] == neurons[:-1]
@@ -98,10 +98,11 @@ def irregularities(train: Train, least: int = LEAST_SPIKES) -> NDArray[np.float6
 
 
 def correlation(train: Train, begin: float, end: float, bin_ms: float = BIN_MS) -> Figure:
-    """Mean correlation coefficient of the counts of two neurons in bins, over all pairs of neurons that fired.
+    """Return the mean correlation coefficient of the counts of two neurons in bins, over all pairs that fired.
 
-    With counts made standard, of mean 0 and variance 1 in each neuron, it is (<S^2> - n) / (n (n - 1)), where S is
-    their sum over n neurons in a bin: no pair is looked at. The error is that of the mean of ten blocks of bins.
+    The counts of each neuron are scaled to mean 0 and variance 1. The mean is then (<S^2> - n) / (n (n - 1)), where S
+    is the sum over n neurons in a bin, so no pairs are computed. The error is the error of the mean over ten blocks of
+    bins.
     """
     bins = round((end - begin) / bin_ms)
     place = np.ceil(np.round((train.times - begin) / bin_ms, 6)).astype(np.int64) - 1
@@ -123,7 +124,7 @@ def correlation(train: Train, begin: float, end: float, bin_ms: float = BIN_MS) 
 
 
 def over(values: NDArray[np.float64]) -> Figure:
-    """The mean of independent values, of blocks of time, neurons or seeds; NaN of none."""
+    """Return the mean of independent values (of blocks of time, neurons or seeds), or NaN without values."""
     if values.size == 0:
         return Figure(float("nan"), float("nan"))
     error = float(values.std(ddof=1) / np.sqrt(values.size)) if values.size > 1 else float("nan")
@@ -134,7 +135,7 @@ MEASURES = ("rate", "irregularity", "correlation")
 
 
 def measured(recording: Recording) -> dict[str, dict[str, Figure]]:
-    """Figures of each population, by name and measure."""
+    """Return the figures of each population, by name and measure."""
     begin, end = recording.begin, recording.end
     return {
         name: {
@@ -147,7 +148,7 @@ def measured(recording: Recording) -> dict[str, dict[str, Figure]]:
 
 
 def together(figures: Iterable[Figure]) -> Figure:
-    """The mean of several seeds; its error is the larger of that among them and that within them."""
+    """Return the mean of several seeds. Its error is the larger of the error among the seeds and the error within them."""
     each: Sequence[Figure] = list(figures)
     if len(each) == 1:
         return each[0]
@@ -157,12 +158,12 @@ def together(figures: Iterable[Figure]) -> Figure:
 
 
 def apart(one: Figure, other: Figure) -> tuple[float, float]:
-    """How far `other` lies from `one`: as a share of it, and in standard errors of the difference."""
+    """Return the difference of `other` from `one`, as a share of `one`, and in standard errors of the difference."""
     difference = other.value - one.value
     return difference / one.value, difference / float(np.hypot(one.error, other.error))
 
 
 def agree(one: Figure, other: Figure, share: float = 0.05, errors: float = 3.0) -> bool:
-    """Whether they lie within a share of the first, or so many standard errors."""
+    """Return True if two figures differ by at most a share of the first, or by at most `errors` standard errors."""
     relative, standard = apart(one, other)
     return abs(relative) <= share or abs(standard) <= errors

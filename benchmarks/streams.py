@@ -1,11 +1,12 @@
-"""Streams by the network over the loopback: rate, losses, and how soon a waiting program wakes up.
+"""Network streams over the loopback: rate, losses, and the time until a waiting program wakes up.
 
     python benchmarks/streams.py rate [--format faery8] [--rate 5e6]    events a second, and what is lost
     python benchmarks/streams.py busy [--format faery8] [--rate 5e6]    the same, by an interpreter that computes
     python benchmarks/streams.py wake                                   from a datagram's sending to `wait`'s return
 
-The sender is another process, on the last core if there are several; this one is bound to the first. Beside the wake-up
-stands that of an empty loop of the same run: how much later than asked `time.sleep` of half a millisecond returns.
+The sender is another process, on the last core if there are several. This process is bound to the first core. The delay
+of a wake-up is printed beside that of an empty loop in the same run, in which `time.sleep` of half a millisecond
+returns late.
 """
 
 from __future__ import annotations
@@ -27,14 +28,14 @@ SIZE = (640, 480)
 
 
 def recording(n: int, rate: float) -> Events:
-    """Events at a constant rate, at random places."""
+    """Return n events at a constant rate, at random places."""
     draw = np.random.default_rng(0)
     x, y, p = draw.integers(0, SIZE[0], n), draw.integers(0, SIZE[1], n), draw.integers(0, 2, n)
     return Events(np.arange(n) * 1_000_000 // int(rate), x, y, p, SIZE)
 
 
 def sender(url: str, format: str, rate: float, seconds: float, datagram: int) -> None:
-    """Send datagrams that were encoded before, each when its time comes; print how many events and datagrams."""
+    """Send encoded datagrams, each at its time. Print the numbers of events and datagrams."""
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     part = recording(int(min(rate, 2e6)), rate)
     to = channel(url, format, datagram)
@@ -59,7 +60,7 @@ def sender(url: str, format: str, rate: float, seconds: float, datagram: int) ->
 
 
 def ticks(url: str, seconds: float) -> None:
-    """Send an event each millisecond; its time is the present, us."""
+    """Send an event each millisecond, whose time is the present in us."""
     host, port = url.removeprefix("udp://").split(":")
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     event = np.zeros(1, EVENT)
@@ -76,7 +77,7 @@ def started(stream: Listener, format: str, rate: float, seconds: float, datagram
 
 
 def rate(args: argparse.Namespace, busy: bool) -> None:
-    """Take every millisecond; or, busy, compute in plain Python for 4 ms between takes."""
+    """Take events each millisecond. If `busy`, compute in plain Python for 4 ms between takes."""
     with listen("udp://127.0.0.1:0", format=args.format, sensor=SIZE) as stream:
         process = started(stream, args.format, args.rate, args.seconds, args.datagram)
         stream.wait(30.0)
@@ -111,7 +112,7 @@ def rate(args: argparse.Namespace, busy: bool) -> None:
 
 
 def wake(args: argparse.Namespace) -> None:
-    """A datagram each millisecond, with an event whose time is that of its sending."""
+    """Receive a datagram each millisecond, with an event whose time is the time of sending."""
     sent, late, empty = [], [], []
     with listen("udp://127.0.0.1:0", format="faery13", sensor=SIZE) as stream:
         process = started(stream, "ticks", 1000.0, args.seconds, 13)
@@ -132,7 +133,7 @@ def wake(args: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    """Do what is asked."""
+    """Run the chosen command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("rate", "busy", "wake", "send"))
     parser.add_argument("--format", default="faery8", choices=("spif", "spif-timed", "faery13", "faery8", "ticks"))

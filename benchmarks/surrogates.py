@@ -1,12 +1,12 @@
-"""How wide a surrogate may be in a recurrent network: where its gradient points, and whether a step along it helps.
+"""Width of the surrogate in a recurrent network: direction of its gradient, and effect of a step against it.
 
     python benchmarks/surrogates.py FSDD [--out benchmarks/measured/surrogates.yaml]
 
-A recurrent network learns spoken digits for eight epochs with the slope 4. In that state, with the same weights and the
-same 600 recordings, the gradient of the recurrent weights is taken with each slope: its norm, its cosine with that of
-the slope 8, and the least loss after steps of 0.3 to 4 % of the weights' norm against it, beside the loss before. Then
-the network, and one without recurrent synapses, learn with each slope from the beginning. FSDD is the Free Spoken Digit
-Dataset, a folder or zip; the fold is the first of split seed 7, judged by its validation part.
+A recurrent network learns spoken digits for eight epochs with the slope 4. With these weights and the same 600
+recordings, the gradient of the recurrent weights is computed with each slope. The figures are its norm, its cosine with
+the gradient of slope 8, and the least loss after steps against it of 0.3 to 4 % of the norm of the weights, beside the
+loss before. Then the network, and a network without recurrent synapses, learn with each slope from the beginning. FSDD
+is the Free Spoken Digit Dataset, a folder or zip. The fold is the first of split seed 7, tested on its validation part.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ STEPS = (0.003, 0.01, 0.02, 0.04)
 
 
 def at_one_state(train, part="hidden_hidden"):
-    """By slope: norm and direction of the gradient, and what a step against it does to the loss."""
+    """Return, by slope, the norm and direction of the gradient, and the loss after a step against it."""
     method = METHODS["recurrent"]()
     settings = {**method.settings, **SETTINGS, "epochs": 8}
     net = learn(method.network(train, settings, 0), batch_data(train), method.plan(train, settings, 0)).net
@@ -60,14 +60,14 @@ def at_one_state(train, part="hidden_hidden"):
 
 
 def learnt(fold, name, slope):
-    """The share of the validation part that is right after 16 epochs, in %."""
+    """Return the share of right decisions in the validation part after 16 epochs, in %."""
     method = METHODS[name]()
     model = method.fit(fold.train, {**method.settings, **SETTINGS, "epochs": 16, "slope": slope}, 0)
     return 100.0 * float(np.mean(model.predict(fold.validation) == fold.validation.labels))
 
 
 def main():
-    """Measure, print and write."""
+    """Measure all slopes, print the figures and write the file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("data", type=Path)
     parser.add_argument("--out", type=Path)

@@ -1,8 +1,8 @@
-"""What a sweep takes beside its runs: `python benchmarks/sweeps.py --out FOLDER`.
+"""CPU time of a sweep besides its runs: `python benchmarks/sweeps.py --out FOLDER`.
 
-The same runs, which do nothing, on the cores of this machine, on a Dask cluster (a scheduler and two workers on the
-loopback), and as four parts at once in one folder. Prints CPU of all processes per run, with their start and without,
-which is what a few runs take; and whether all tables are equal.
+The same runs, which do nothing, are done on the cores of this machine, on a Dask cluster (a scheduler and two workers on
+the loopback), and as four parts at once in one folder. The script prints the CPU time of all processes per run, with
+and without their start. The start is measured with a few runs. It also prints whether all tables are equal.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from neuro_sweeps.table import table_of
 
 HERE = Path(__file__).resolve()
 FEW = 8
-"""Runs after which all processes have begun."""
+"""Number of runs after which all processes have started."""
 
 TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
 
 
 def nothing(a: int) -> dict[str, int]:
-    """A run that takes no time."""
+    """Make a run that takes no time."""
     return {"twice": 2 * a, "square": a * a}
 
 
 def cpu_s(roots: Iterable[int]) -> float:
-    """CPU of processes, of what they have started, and of what of that has ended, s.
+    """Return the CPU time of processes and of their child processes, also of those that have ended, s.
 
     Source: proc(5), /proc/pid/stat, fields 4 and 14 to 17
     """
@@ -51,12 +51,12 @@ def cpu_s(roots: Iterable[int]) -> float:
 
 
 def swept(out: Path, runs: int, *words: str) -> subprocess.Popen[bytes]:
-    """A process that does a sweep, or a part of it."""
+    """Start a process that runs a sweep or a part of it."""
     return subprocess.Popen([sys.executable, str(HERE), "--out", str(out), "--runs", str(runs), "--child", *words])
 
 
 def taken(processes: list[subprocess.Popen[bytes]]) -> float:
-    """CPU of processes until they have ended, s."""
+    """Wait until processes have ended, and return their CPU time in s."""
     before = os.times()
     for process in processes:
         if process.wait():
@@ -69,7 +69,7 @@ class Cluster:
     """A scheduler and two workers of one thread each.
 
     Args:
-        folder: of the scheduler's file.
+        folder: folder for the file of the scheduler.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -81,7 +81,7 @@ class Cluster:
             time.sleep(0.1)
         self._all += [self._start("dask_worker", *words, "--nthreads", "1", "--no-nanny") for _ in range(2)]
         time.sleep(10.0)
-        swept(folder / "warm", FEW, "--on", str(self.file)).wait()  # from here on they have imported all
+        swept(folder / "warm", FEW, "--on", str(self.file)).wait()  # afterwards the workers have imported all modules
 
     def _start(self, what: str, *words: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", f"distributed.cli.{what}", *words, "--host", "127.0.0.1", "--no-dashboard"]
@@ -89,18 +89,18 @@ class Cluster:
         return subprocess.Popen(command, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
     def cpu_s(self) -> float:
-        """Of all its processes so far, s."""
+        """Return the CPU time of all processes so far, s."""
         return cpu_s(each.pid for each in self._all)
 
     def close(self) -> None:
-        """End it."""
+        """End the cluster."""
         for each in self._all:
             each.kill()
             each.wait()
 
 
 def per_run(name: str, out: Path, runs: int, cluster: Cluster | None) -> tuple[float, float]:
-    """CPU of a run, s: with the start of all processes, and beyond the first few runs."""
+    """Return the CPU time per run in s, with the start of all processes, and after the first `FEW` runs."""
     found = []
     for number in (FEW, FEW + runs):
         folder = out / f"{name}-{number}"
@@ -117,7 +117,7 @@ def per_run(name: str, out: Path, runs: int, cluster: Cluster | None) -> tuple[f
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure all sweeps and print the figures."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--out", type=Path, required=True)
     options.add_argument("--runs", type=int, default=1000)
@@ -128,7 +128,7 @@ def main() -> None:
     options.add_argument("--workers", type=int, help=argparse.SUPPRESS)
     asked = options.parse_args()
     if asked.child:
-        import sweeps  # by its name, so that all folders are of the same sweep
+        import sweeps  # imported by name, so that all folders belong to the same sweep
 
         words = {"on": asked.on, "share": asked.share, "workers": asked.workers, "progress": False}
         neuro.sweep(sweeps.nothing, {"a": list(range(asked.runs))}, out=asked.out, **words)

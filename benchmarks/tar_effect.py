@@ -1,15 +1,15 @@
-"""Does TAR help a classifier? `python benchmarks/tar_effect.py nmnist|poker`.
+"""Effect of TAR on the accuracy of a classifier: `python benchmarks/tar_effect.py nmnist|poker`.
 
 The thesis (B.2) reports for a bag of events (BOE) with a linear support vector classifier: N-MNIST, 1000 samples to
 learn and 400 to test, 0.830 without and 0.8525 with TAR(0.08 s, 2.4, R = 1), which removes 3.3 % of the events; POKER
-0.944 and 1.0 with TAR(0.08 s, 2, R = 2), which removes 1 %. Here: stratified folds, repeated with several seeds; each
-recording is decided with and without TAR by classifiers that learnt from the same other recordings. TAR's parameters
-are those of the thesis, chosen before; so is all else.
+0.944 and 1.0 with TAR(0.08 s, 2, R = 2), which removes 1 %. This script uses
+stratified folds with several seeds. Each recording is decided with and without TAR by classifiers that learnt from the
+same other recordings. The parameters of TAR and all other settings were fixed before, as in the thesis.
 
-BOE (thesis 6.1.3, eqs 117-118): a motion symbol detector cuts segments, a segment is the share of its events at each
-pixel times the pixel's self-information log(n / n_i), with n_i of the n training segments having an event there. The
-thesis prints -log(n / n_i), which is negative. The classifier decides each segment; a recording is decided by the sum
-of its segments' decision values. Needs scikit-learn.
+BOE (thesis 6.1.3, eqs 117-118): a motion symbol detector cuts a recording into segments. The feature of a pixel is the
+share of the events of a segment at this pixel, times log(n / n_i), if n_i of the n training segments have an event
+there. The thesis prints -log(n / n_i), which is negative. The classifier decides each segment. A recording is decided
+by the sum of the decision values of its segments. The script requires scikit-learn.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from neuro.events.filters import TAR
 
 PARAMETERS = {"nmnist": {"tau": 0.08, "theta": 2.4, "radius": 1}, "poker": {"tau": 0.08, "theta": 2.0, "radius": 2}}
 TAU, THRESHOLD = 0.02, 150.0
-"""Of the motion symbol detector, s and events; thesis table 3."""
+"""Time constant (s) and threshold (events) of the motion symbol detector; thesis table 3."""
 
 Bags = list[csr_matrix]
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure all seeds and print the figures."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("case", choices=PARAMETERS)
     options.add_argument("--data", type=Path, help="recordings, if not those of ../shared")
@@ -67,7 +67,10 @@ def main() -> None:
 
 
 def bag(events: Events) -> csr_matrix:
-    """The segments of a recording, (segments, pixels), each the share of its events; one segment if it has none."""
+    """Return the share of events at each pixel for each segment of a recording, (segments, pixels).
+
+    A recording without a complete segment is a single segment.
+    """
     bounds = msd_segments(events.t, tau=TAU, threshold=THRESHOLD)
     if len(bounds) == 1:
         bounds = np.array([0, len(events)])
@@ -79,7 +82,7 @@ def bag(events: Events) -> csr_matrix:
 
 
 def cross_validate(bags: Bags, labels: NDArray[np.int64], folds: list[Split], c: float) -> NDArray[np.bool_]:
-    """Which recordings are decided rightly from what was learnt from the other folds."""
+    """Return a mask of the recordings that are decided rightly after learning from the other folds."""
     right = np.zeros(len(labels), bool)
     for learnt, held_out in folds:
         segments = vstack([bags[i] for i in learnt], format="csr")
@@ -98,7 +101,7 @@ def report(right: NDArray[np.bool_]) -> None:
     """Print the paired difference.
 
     Args:
-        right: (without and with TAR, seeds, recordings).
+        right: True for right decisions, (2, seeds, recordings), first without TAR, then with TAR.
     """
     of_recording = right.mean(axis=1)
     difference = of_recording[1] - of_recording[0]

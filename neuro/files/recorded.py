@@ -320,9 +320,9 @@ def to_neo(run: object) -> neo.Block:
     ms from 0 to the end of the run. Its annotations are `source_population`, and `source_id` and `source_index`, which
     are both the neuron, counted from 0. Each recorded state is an `AnalogSignal` of shape (times, neurons or synapses)
     in the unit and with the name of the state. Its annotations are `probe` and `source_population` or
-    `source_projection`; the array annotation `channel_index` has the neurons or synapses. The annotations of the block are `simulator`,
-    `backend`, `seed` and `resolution_ms`. Annotations have PyNN's names. Final weights and values at pre spikes are
-    left out, since Neo has no type for them.
+    `source_projection`; the array annotation `channel_index` has the neurons or synapses. The annotations of the
+    block are `simulator`, `backend`, `seed` and `resolution_ms`. Annotations have PyNN's names. Final weights and
+    values at pre spikes are left out, since Neo has no type for them.
 
     Neo: Garcia et al., Front. Neuroinform. 8:10, 2014.
 
