@@ -60,7 +60,7 @@ def running(net: neuro.Network, ms: float, threads: int = 1) -> dict[str, Any]:
 
 
 def in_pairs(net: neuro.Network, ms: float, rounds: int, threads: int = 2) -> dict[str, Any]:
-    """Time windows of a network in turn on one thread and on several. A gain is the time on one / the time on several."""
+    """Time windows of a network in turn on one thread and on several. A gain is time on one / time on several."""
     sims = {n: neuro.compile(net, seed=12345, threads=n) for n in (1, threads)}
     wall: dict[int, list[float]] = {n: [] for n in sims}
     cpu: dict[int, list[float]] = {n: [] for n in sims}

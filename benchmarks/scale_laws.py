@@ -117,7 +117,7 @@ def _gather(source, lines):
 
 
 def bandwidth(mb: int = 1024) -> dict[str, float]:
-    """Return the memory bandwidth of one thread in GB/s: copies (read + write), reads, and reads of random cache lines."""
+    """Return the memory bandwidth of one thread in GB/s: copies (read + write), reads, reads of random cache lines."""
     size = mb * 2**20 // 8
     source, target = np.ones(size), np.zeros(size // 2)
     lines = np.random.default_rng(1).integers(0, size // 8, 8_000_000).astype(np.uint32)

@@ -1,7 +1,7 @@
 """Statistics of spikes: rates, irregularity and correlations of each population, with standard errors.
 
-A `Recording` has the spikes of a stretch. `measured` returns its figures, `together` joins the figures of several seeds,
-and `apart` returns the difference of two figures.
+A `Recording` has the spikes of a stretch. `measured` returns its figures, `together` joins the figures of several
+seeds, and `apart` returns the difference of two figures.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def measured(recording: Recording) -> dict[str, dict[str, Figure]]:
 
 
 def together(figures: Iterable[Figure]) -> Figure:
-    """Return the mean of several seeds. Its error is the larger of the error among the seeds and the error within them."""
+    """Return the mean of several seeds. Its error is the larger of the errors among the seeds and within them."""
     each: Sequence[Figure] = list(figures)
     if len(each) == 1:
         return each[0]

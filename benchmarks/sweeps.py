@@ -1,7 +1,7 @@
 """CPU time of a sweep besides its runs: `python benchmarks/sweeps.py --out FOLDER`.
 
-The same runs, which do nothing, are done on the cores of this machine, on a Dask cluster (a scheduler and two workers on
-the loopback), and as four parts at once in one folder. The script prints the CPU time of all processes per run, with
+The same runs, which do nothing, are done on the cores of this machine, on a Dask cluster (a scheduler and two workers
+on the loopback), and as four parts at once in one folder. The script prints the CPU time of all processes per run, with
 and without their start. The start is measured with a few runs. It also prints whether all tables are equal.
 """
 

@@ -1,4 +1,4 @@
-"""Figures of models, rules and codes beside what is known of them: the experiments of the tests, at full length."""
+"""Figures of models, rules and codes beside known results: the experiments of the tests at full length."""
 
 import numpy as np
 from scipy.stats import skellam
@@ -36,7 +36,7 @@ def test_escape(figure):
 
 
 def test_fixed_points(figure):
-    """Small steps on a grid of 0.2 ms, where pairs at equal times, which change nothing, are few."""
+    """Compare the fixed points at small steps. On a grid of 0.2 ms few pairs have equal times, which change nothing."""
     slow = {"lambda_": 0.002}
     points = {
         "soft": (neuro.stdp(**slow), 50.0),

@@ -1,4 +1,4 @@
-"""The drone on one core: looks of its eye, and steps of control with environment, network and learning."""
+"""The drone on one core: looks of its eye, and control steps with environment, network and learning."""
 
 import time
 
@@ -22,7 +22,7 @@ LINE = WorldScene(line=np.concatenate([HEXAGON[:-1], HEXAGON[1:]], axis=1))
 
 
 def after_a_ball(tilt):
-    """A drone that sways round a ball on a circle."""
+    """Return poses, scenes and ball of a drone that sways around a ball on a circle."""
     radius = 0.27 if tilt < 45 else 0.17
     away = 2.4 / np.tan(np.radians(tilt))
     balls = [(away + 0.3 * np.cos(0.3 * t), 0.3 * np.sin(0.3 * t), radius, radius) for t in TIME]
@@ -31,7 +31,7 @@ def after_a_ball(tilt):
 
 
 def along_a_line(tilt):
-    """A drone that flies round a hexagon and weaves."""
+    """Return poses, scenes and line of a drone that flies around a hexagon and weaves."""
     turn = 0.05 * TIME
     sway = turn + np.pi / 2 + 0.1 * np.sin(TIME)
     poses = [Pose(2.5 * np.cos(a), 2.5 * np.sin(a), 2.4, b) for a, b in zip(turn, sway, strict=True)]
@@ -39,7 +39,7 @@ def along_a_line(tilt):
 
 
 def cost(eye, poses, scenes):
-    """Process time of a look (s), and events in one."""
+    """Return the process time of a look in s, and the number of events in a look."""
     eye.reset(0)
     events = 0
     for k, (pose, scene) in enumerate(zip(poses, scenes, strict=True)):

@@ -1,4 +1,4 @@
-"""Pixels per second of the event camera model, and what a call costs in a control loop."""
+"""Pixels per second of the event camera model, and the time of a call in a control loop."""
 
 import time
 
@@ -9,7 +9,7 @@ from neuro.events import DVS, DVSParameters
 
 IDEAL = DVSParameters.ideal()
 NOISY = DVSParameters(sigma_thres=0.05, leak_rate_hz=0.1, shot_noise_rate_hz=5.0, refractory_period_s=0.01)
-"""v2e's "noisy" pixels, without the limit of bandwidth."""
+"""The "noisy" pixels of v2e, without the limit of bandwidth."""
 LIMITED = DVSParameters(
     sigma_thres=0.05, leak_rate_hz=0.1, shot_noise_rate_hz=5.0, refractory_period_s=0.01, cutoff_hz=30.0
 )
@@ -17,19 +17,19 @@ WARM_UP = 3
 
 
 def moving_edge(kind, size=(346, 260), images=400):
-    """An upright edge that moves by half a pixel from image to image."""
+    """Return images of an upright edge that moves by half a pixel from image to image."""
     rows = 0.2 + 0.6 * np.clip(0.5 * np.arange(images)[:, None] + 20.5 - np.arange(size[0]), 0, 1)
     shown = rows * 255 if kind == "uint8" else rows
     return np.repeat(shown.astype(kind)[:, None], size[1], 1)
 
 
 def texture(size=(346, 260), images=60):
-    """Every pixel changes in every image, by less than a threshold."""
+    """Return images in which every pixel changes in every image, by less than a threshold."""
     return (0.5 + 0.02 * np.random.default_rng(0).random((images, size[1], size[0]))).astype(np.float32)
 
 
 def cost(images, parameters):
-    """Process time of an image at 1 kHz (s) and events in one."""
+    """Return the process time of an image at 1 kHz in s, and the number of events in an image."""
     camera = DVS(images.shape[:0:-1], parameters)
     events = 0
     for k, image in enumerate(images):

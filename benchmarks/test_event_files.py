@@ -1,8 +1,8 @@
-"""How fast event files are read from the page cache, beside other libraries, and a folder of files becomes one.
+"""Speed of reading event files from the page cache, beside other libraries, and of joining a folder of files.
 
-Recordings of `../shared` are repeated until they have millions of events; those of AEDAT 4 are read as they are, since
-they end with a table of their packets, which dv-processing needs. `NEURO_PEERS` names a Python that has dv-processing,
-event_stream, expelliarmus, faery or tonic, which then read the same files in the same run.
+Recordings of `../shared` are repeated until they have millions of events. Recordings in AEDAT 4 are read unchanged,
+because they end with a table of their packets, which dv-processing needs. `NEURO_PEERS` is the path of a Python with
+dv-processing, event_stream, expelliarmus, faery or tonic, which then read the same files in the same run.
 """
 
 import json
@@ -71,7 +71,7 @@ print(json.dumps([count, best]))
 
 
 def beside_peers(figure, case, peers, count, seconds, path, coding=""):
-    """Let other libraries read the same file, if there is a Python that has them; the aim is that of the first."""
+    """Let other libraries read the same file, if there is a Python with them. The figure of the first is our aim."""
     for peer, aim in peers.items() if (python := os.environ.get("NEURO_PEERS")) else ():
         command = [python, "-c", f"import json, sys, time\n{PEERS[peer]}{CLOCK}", str(path), "20", coding]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -85,7 +85,7 @@ def beside_peers(figure, case, peers, count, seconds, path, coding=""):
 
 
 def best(read, rounds=20):
-    """The least processor time of a call, s."""
+    """Return the least processor time of a call, s."""
     taken = []
     for _ in range(rounds):
         began = time.process_time()
@@ -96,7 +96,10 @@ def best(read, rounds=20):
 
 @pytest.fixture(scope="module")
 def events():
-    """Like an edge that moves: groups of one to six neighbours of a row at one time, some 5 M events a second."""
+    """Return events like those of a moving edge, some 5 million per second.
+
+    Groups of one to six neighbours in a row have the same time.
+    """
     rng = np.random.default_rng(1)
     members = rng.integers(1, 7, COUNT)
     group = np.repeat(np.arange(COUNT), members)[:COUNT]
@@ -152,7 +155,7 @@ FILES = 10_000
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Files like N-MNIST's: ten classes, 4,000 events in 300 ms."""
+    """Return a folder of files like those of N-MNIST: ten classes, and 4,000 events in 300 ms in each file."""
     rng, n, size = np.random.default_rng(0), 4_000, (34, 34)
     root = tmp_path_factory.mktemp("set")
     for k in range(FILES):
@@ -164,14 +167,14 @@ def folder(tmp_path_factory):
 
 
 def children():
-    """Processor time of the processes that have ended, s."""
+    """Return the processor time of the child processes that have ended, s."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_to_hdf5(figure, folder, tmp_path, jobs):
-    """How long a folder of small files takes to become one HDF5 file, and which process works how long."""
+    """Time the conversion of a folder of small files to one HDF5 file, with the processor time of each process."""
     data, since = Dataset(folder), {}
 
     def tell(what, done, total):

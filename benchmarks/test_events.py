@@ -1,6 +1,7 @@
 """Passes over events on one core: filters, segments and representations, in million events a second.
 
-Filters: 5 million events on a 346x260 sensor, in parts of 0.2 s as a stream gives them. The others: a dense recording.
+Filters get 5 million events on a 346x260 sensor, in parts of 0.2 s as from a stream. Other passes get a dense
+recording.
 """
 
 import numpy as np
@@ -66,7 +67,7 @@ FILTERS: dict[str, tuple[Filter, int]] = {
 
 @pytest.fixture(scope="module")
 def moving():
-    """Blobs on straight ways through the picture, a million events a second, and a tenth of them noise."""
+    """Return a million events per second of blobs that cross the picture on straight lines. A tenth is noise."""
     rng = np.random.default_rng(1)
     t = np.sort(rng.integers(0, 5_000_000, COUNT))
     blob = rng.integers(0, 8, COUNT)
@@ -117,7 +118,7 @@ ARRAYS = {
 
 @pytest.fixture(scope="module")
 def busy():
-    """A second of a busy scene: edges that wander, and noise."""
+    """Return the events of a second of a busy scene, with wandering edges and noise."""
     rng = np.random.default_rng(0)
     t = np.sort(rng.integers(0, US, EVENTS))
     x = (200 + 150 * np.sin(t / 2e5) + rng.normal(0, 40, EVENTS)).clip(0, SCENE[0] - 1).astype(np.uint16)

@@ -1,7 +1,8 @@
-"""What networks learn, over many seeds.
+"""Learning of networks over many seeds.
 
-The value on a track, and the way through a grid, by temporal-difference errors of a program or of neurons;
-answers of synapses that release by chance; delays by which arrivals come together, and orders of spikes are told apart.
+Networks learn the value of places on a track and the way through a grid, by temporal-difference errors of a program or
+of neurons. Synapses with random release learn answers. Delays learn to make arrivals coincide, and to distinguish
+orders of spikes.
 """
 
 import time
@@ -14,7 +15,7 @@ from neuro_models import hedonists, orders
 from neuro_models.delays import BETWEEN, drawn_onsets, gathering, spread
 from neuro_models.worlds import Track, values
 
-TRACK_SEEDS = range(100, 120)  # none of them served to choose a number
+TRACK_SEEDS = range(100, 120)  # no setting was chosen with these seeds
 RUNS, EPISODES, LAST = 100, 150, 50
 
 
@@ -37,8 +38,8 @@ def test_the_value_on_a_track(figure):
 
 
 def late_moves(seed, critic):
-    """The median of moves in the last episodes."""
-    net = neuro.load(neuro_models.path("grid_world"), {} if critic else {"gain": 1e12})  # or any value counts as 0
+    """Return the median number of moves in the last episodes."""
+    net = neuro.load(neuro_models.path("grid_world"), {} if critic else {"gain": 1e12})  # every value then counts as 0
     return float(np.median(neuro.closed_loop(net, seed=seed).run(episodes=EPISODES).lengths[-LAST:]))
 
 
@@ -55,11 +56,11 @@ def test_the_way_through_a_grid(figure):
 
 
 DOPAMINE_SEEDS = range(11, 21)
-"""Seed 1 chose the numbers of the network."""
+"""Seeds of the test. The parameters of the network were chosen with seed 1."""
 
 
 def moves_by_dopamine(seed, parameters):
-    """Return the most moves in 5 episodes without babbling, after learning, and the late median while babbling."""
+    """Return the most moves in 5 episodes without babbling after learning, and the late median with babbling."""
     loop = neuro.closed_loop(neuro.load(neuro_models.path("grid_loop"), parameters), seed=seed)
     babbling = loop.run(episodes=250, steps=6000).lengths[-LAST:]
     learnt = neuro.closed_loop(loop.network(frozen=True), learns=False, seed=seed)
@@ -79,11 +80,11 @@ def test_dopaminergic_neurons_teach_the_way_through_a_grid(figure):
 
 
 CHANCE_SEEDS = range(11, 21)
-"""1 to 4 chose the weights and the rate of learning."""
+"""Seeds of the test. Weights and learning rate were chosen with seeds 1 to 4."""
 
 
 def answers(seed, reward):
-    """Mean rates of the output for A and B in the last 200 of 1000 trials, Hz."""
+    """Return the mean rates of the output for A and B in the last 200 of 1000 trials, Hz."""
     labels = np.random.default_rng(seed).permutation(np.arange(1000) % 2)
     sim = neuro.compile(hedonists.network(), seed=seed)
     rates = hedonists.present(sim, hedonists.PATTERNS[labels], reward * np.where(labels == 0, 1.0, -1.0))
@@ -104,7 +105,7 @@ BITS = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
 
 
 def bits_learnt(seed, epochs):
-    """Mean rates of the output for each pattern in the first and the last tenth, Hz, shape (2, 4)."""
+    """Return the mean rates of the output for each pattern in the first and the last tenth, Hz, shape (2, 4)."""
     rng = np.random.default_rng(seed)
     shown = np.concatenate([rng.permutation(4) for _ in range(epochs)])
     sim = neuro.compile(hedonists.network(eta=0.2, weight=200.0), seed=seed)
@@ -118,10 +119,10 @@ def bits_learnt(seed, epochs):
 
 
 def test_exclusive_or_is_not_learnt(figure):
-    """As Florian has Seung's task: 30 inputs a bit, 0 or 40 Hz, 60 hidden neurons, half of the inputs inhibitory.
+    """Test Seung's task as in Florian: 30 inputs per bit at 0 or 40 Hz, half of them inhibitory, and 60 hidden neurons.
 
-    500 ms a pattern, +1 for each spike of the output where one bit is set, -1 otherwise. It is learnt where the margin
-    is above 0.
+    A pattern lasts 500 ms. The reward of each output spike is +1 if exactly one bit is set, and -1 otherwise. The task
+    is learnt if the margin is above 0.
 
     Source: H. S. Seung, Neuron 40:1063, 2003; R. V. Florian, Neural Comput. 19:1468, 2007.
     """
@@ -139,7 +140,7 @@ ORDER_SEEDS = range(50)
 
 
 def test_arrivals_come_together(figure):
-    """Each neuron has inputs of its own, so they are as many repetitions."""
+    """Train neurons with separate inputs, so that each neuron is a repetition."""
     for by_step, presentations in ((True, 50), (False, 80)):
         onsets = drawn_onsets(seed=1, cells=CELLS)
         sim = neuro.compile(gathering(onsets, presentations, by_step), seed=1)
@@ -155,7 +156,7 @@ def test_arrivals_come_together(figure):
 
 
 def right(seed, rule, trials, swapped):
-    """Which trials are decided rightly, whose labels are swapped from one on."""
+    """Return a mask of the trials that are decided rightly. The labels are swapped from trial `swapped` on."""
     times, inputs, begins, labels = orders.batch(1, trials, orders=seed)
     labels = np.where(np.arange(trials) < swapped, labels, 1 - labels)
     sim = neuro.compile(orders.network(rule), seed=seed)
@@ -175,7 +176,10 @@ def test_orders_are_told_apart(figure):
 
 
 def test_bars_of_a_spiking_grid(figure):
-    """By delays and by weights, 5 seeds that no setting was chosen on; labels are moved on by one at 600 of 1500."""
+    """Learn bars by delays and by weights, with 5 seeds that were not used to choose settings.
+
+    The labels are shifted by one class at trial 600 of 1500.
+    """
     for name, rule in {
         "r_stddp": neuro.r_stddp(),
         "r_stdp": neuro.r_stdp(),

@@ -1,4 +1,4 @@
-"""How fast networks run and learn: large ones, a closed loop, silent neurons, and the emulated Loihi."""
+"""Speed of large networks, of learning, of a closed loop, of silent neurons, and of the emulated Loihi."""
 
 import pytest
 from networks import CHIP_NETWORKS, NETWORKS, learning, loop, silent, sources
@@ -16,7 +16,7 @@ ONE_THREAD = {}
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("case", NETWORKS)
 def test_network(benchmark, figure, case, threads):
-    """Seconds a biological second, on one core and on two."""
+    """Measure seconds per biological second on one core and on two."""
     sim = warm(NETWORKS[case](), seed=12345, threads=threads)
     benchmark.pedantic(sim.run, args=(MS[case],), rounds=3)
     rate = benchmark.stats.stats.min / MS[case] * 1e3
@@ -46,7 +46,7 @@ LOOP_AIMS = {0.1: "at least 6,000", 1.0: "at least 20,000"}
 @pytest.mark.parametrize("way", [ClosedLoop, PlainLoop])
 @pytest.mark.parametrize("resolution", LOOP_AIMS)
 def test_loop(benchmark, figure, resolution, way):
-    """Steps a second of a closed loop with rates, dopamine, spikes and weights every 50 ms."""
+    """Measure steps per second of a closed loop with rates, dopamine, spikes and weights every 50 ms."""
     driven, steps = way(loop(resolution)), 2000
     driven.steps(20)
     benchmark.pedantic(driven.steps, args=(steps,), rounds=5)
@@ -57,7 +57,10 @@ def test_loop(benchmark, figure, resolution, way):
 
 
 def test_learning(benchmark, figure):
-    """What STDP costs beside delivering the spike: nanoseconds a synaptic event (pre or post spike at a synapse)."""
+    """Measure the time of STDP in ns per synaptic event, without the delivery of the spike.
+
+    A synaptic event is a pre or post spike at a synapse.
+    """
     plain, plastic = (warm(learning(plastic=plastic)) for plastic in (False, True))
     before = plastic.counts().learning_updates
     delivering = min(seconds(plain.run, 1000.0) for _ in range(5))
@@ -77,7 +80,7 @@ SILENT = {
 
 @pytest.mark.parametrize("where", SILENT)
 def test_silent(benchmark, figure, where):
-    """The cost of a run follows its events: neurons that nothing reaches are nearly free."""
+    """Measure the time of silent neurons, which need hardly any, because time grows with events."""
     alone, crowded = warm(silent("nowhere")), warm(silent(where))
     least = min(seconds(alone.run, 1000.0) for _ in range(5))
     benchmark.pedantic(crowded.run, args=(1000.0,), rounds=5)
@@ -91,7 +94,7 @@ CHIP_AIMS = {"ff": (10_000, "at least 60,000"), "rec": (2_000, "at least 9,000")
 
 @pytest.mark.parametrize("name", CHIP_AIMS)
 def test_chip_steps(benchmark, figure, name):
-    """Steps a second of the emulated Loihi, counting included."""
+    """Measure steps per second of the emulated Loihi, with its counts."""
     sim, (steps, aim), rounds = neuro.compile(CHIP_NETWORKS[name](), backend="loihi"), CHIP_AIMS[name], 5
     if name == "ff":
         sim.inject("sources", *sources(1000, rounds * steps + 100))
@@ -101,7 +104,7 @@ def test_chip_steps(benchmark, figure, name):
 
 
 def drawn() -> neuro.Network:
-    """A million synapses of float neurons with weights of their own."""
+    """Return a network of float neurons with a million synapses of different weights."""
     net = neuro.Network("million", resolution=1.0)
     cells = net.population("cells", 10_000, neuro.iaf_psc_exp(I_e=300.0))
     weights = neuro.uniform(low=10.0, high=90.0)
@@ -110,7 +113,7 @@ def drawn() -> neuro.Network:
 
 
 def prepared(net: neuro.Network) -> None:
-    """Compile, quantise and place."""
+    """Compile, quantise and place a network."""
     program = compile_network(net, 0)
     target = chip("loihi")
     assert not any(problem.refused for problem in quantise(program, target).problems)
@@ -118,6 +121,6 @@ def prepared(net: neuro.Network) -> None:
 
 
 def test_a_million_synapses_get_onto_the_chip(benchmark, figure):
-    prepared(drawn())  # the placement's kernels are loaded
+    prepared(drawn())  # loads the kernels of the placement
     benchmark.pedantic(prepared, args=(drawn(),), rounds=5)
     figure("compile, quantise, place a million", benchmark.stats.stats.min, "s", "below 2")

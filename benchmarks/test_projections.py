@@ -1,4 +1,4 @@
-"""What projections with few synapses each cost: ten thousand of them, and the microcircuit with few inputs."""
+"""Time of projections with few synapses: ten thousand projections, and the microcircuit with few inputs."""
 
 import pytest
 from microcircuit import circuit, events
@@ -12,7 +12,7 @@ SILENCE = []
 
 @pytest.mark.parametrize("rate", [0.0, 5.0])
 def test_ten_thousand_projections(least_cpu, figure, rate):
-    """A biological second of 10,000 projections of 100 x 100 neurons with drawn delays, in silence and at 5 Hz."""
+    """Measure a biological second of 10,000 projections of 100 x 100 neurons with drawn delays, silent and at 5 Hz."""
     sim = neuro.compile(many_projections(rate), seed=1)
     sim.run(20.0)
     taken = least_cpu(lambda: sim.run(WINDOW_MS), rounds=5) / WINDOW_MS * 1e3
@@ -24,7 +24,7 @@ def test_ten_thousand_projections(least_cpu, figure, rate):
 
 
 def test_short_rows(least_cpu, figure):
-    """An event of the microcircuit with a tenth of its neurons and inputs, drive and neurons included."""
+    """Measure the time per event of the microcircuit with a tenth of its neurons and inputs, with drive and neurons."""
     sim = neuro.compile(circuit(0.1), seed=1)
     sim.run(WINDOW_MS)
     before, rounds = events(sim), 10

@@ -1,4 +1,4 @@
-"""How long it takes until something runs, in fresh processes."""
+"""Time until a first run in fresh processes."""
 
 import os
 import subprocess

@@ -1,6 +1,6 @@
-"""Object recognition: microseconds of a trial, training from kept C1 spikes, and the front end of a recording.
+"""Object recognition: time of a trial, of training from stored C1 spikes, and of the front end of a recording.
 
-A trial is of a shared-kernel layer, learning and not, or of a feed-forward network.
+A trial runs a shared-kernel layer, with and without learning, or a feed-forward network.
 """
 
 import numpy as np

@@ -1,10 +1,10 @@
 """Compare this project with the thesis, row by row: `python benchmarks/thesis.py [--full] [ROW...]`.
 
-The rows are those of docs/reference/thesis.yaml. A row is checked by `run`, a command or a list of commands whose last
-number (or last match of `find`) must lie in `range`, or by `test`, a test that must pass; `$TMP` is a folder of the
-row, `$ROOT` that of the project. Without `--full` only the rows marked `quick` are checked. A row that needs a file of
-../shared/data is skipped where that is missing. The exit status is 1 if a number left its range. `--page` writes
-docs/reference/thesis.md and the page of each chapter.
+The rows are in docs/reference/thesis.yaml. The field `run` of a row is a command or a list of commands, whose last
+printed number (or last match of `find`) must lie in `range`. The field `test` is a test that must pass. `$TMP` is a
+folder for the row, and `$ROOT` is the folder of the project. Without `--full` only rows marked `quick` are checked. A
+row is skipped if its file of ../shared/data is missing. The exit status is 1 if a number is out of its range. `--page`
+writes docs/reference/thesis.md and the page of each chapter.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ Row = dict[str, Any]
 
 
 def rows() -> list[Row]:
-    """The rows of the ledger."""
+    """Return the rows of the ledger."""
     return [row for chapter in yaml.safe_load(LEDGER.read_text("utf-8"))["rows"].values() for row in chapter]
 
 
 def commands(row: Row) -> list[str]:
-    """The commands that check a row."""
+    """Return the commands that check a row."""
     run = [f"{PYTEST} {row['test']}"] if "test" in row else row.get("run", [])
     return [run] if isinstance(run, str) else list(run)
 
 
 def outcome(row: Row, printed: str) -> tuple[str, bool]:
-    """What a row measured, and if that is in its range, from what its last command printed."""
+    """Return the figure of a row from the output of its last command, and True if it is in its range."""
     if "test" in row:
         return ("passes", True) if re.search(r"\d passed", printed) else ("no test passed", False)
     matches = re.findall(row.get("find", NUMBER), printed)
@@ -59,7 +59,7 @@ def outcome(row: Row, printed: str) -> tuple[str, bool]:
 
 
 def check(row: Row) -> tuple[str, bool]:
-    """What a row measured, and if that is in its range."""
+    """Return the measured figure of a row, and True if it is in its range."""
     if absent := [name for name in row.get("needs", []) if not (DATA / name).exists()]:
         return f"skipped: ../shared/data/{absent[0]} is missing", True
     done = ran(*commands(row))
@@ -71,7 +71,7 @@ def check(row: Row) -> tuple[str, bool]:
 
 @cache
 def ran(*lines: str) -> subprocess.CompletedProcess[str]:
-    """Run commands one after the other, up to one that fails; the last one that ran. Rows may share commands."""
+    """Run commands in turn until one fails, and return the last one that ran. Rows may share commands."""
     env = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     with tempfile.TemporaryDirectory() as folder:
         for command in lines:
@@ -83,7 +83,7 @@ def ran(*lines: str) -> subprocess.CompletedProcess[str]:
 
 
 def compare(chosen: Sequence[Row]) -> int:
-    """Check rows and print the table; return the number of rows that left their range."""
+    """Check rows and print the table. Return the number of rows out of their range."""
     left, skipped = [], 0
     print(f"{'':>9}", *line(HEADS))
     for k, row in enumerate(chosen, 1):
@@ -106,13 +106,13 @@ def compare(chosen: Sequence[Row]) -> int:
 
 
 def line(cells: Iterable[str]) -> list[str]:
-    """The cells of a line of the table in their widths; the last one is as wide as it is."""
+    """Return the cells of a line of the table, padded to their widths, except the last cell."""
     *fixed, last = map(str, cells)
     return [*(f"{cell[: width - 1]:<{width}}" for cell, width in zip(fixed, WIDTHS, strict=True)), last]
 
 
 def pages() -> dict[Path, str]:
-    """The page of the whole ledger and the page of each chapter, by file."""
+    """Return the page of the whole ledger and the page of each chapter, by file."""
     ledger = yaml.safe_load(LEDGER.read_text("utf-8"))
     quick, texts, lines = sum(bool(row.get("quick")) for row in rows()), {}, [ledger["head"]]
     lines += [f"The ledger has {len(rows())} rows: {verdicts_of(rows())}. {quick} are quick.\n"]
@@ -130,13 +130,13 @@ def pages() -> dict[Path, str]:
 
 
 def verdicts_of(content: Sequence[Row]) -> str:
-    """The numbers of rows by verdict."""
+    """Return the numbers of rows by verdict as text."""
     counted = Counter(row["verdict"] for row in content)
     return ", ".join(f"{counted[verdict]} {verdict}" for verdict in VERDICTS if counted[verdict])
 
 
 def cells_of(row: Row) -> str:
-    """A row as a line of the page."""
+    """Return a row as a line of the page."""
     verdict = f"**{row['verdict']}**" + (f": {row['why']}" if "why" in row else "")
     checked = [row["test"]] if "test" in row else commands(row)
     checks = "; ".join("code" if one.startswith("python -c") else f"`{' '.join(one.split())}`" for one in checked)
@@ -148,7 +148,7 @@ def cells_of(row: Row) -> str:
 
 
 def main() -> int:
-    """Check or write."""
+    """Check the rows or write the pages."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("names", nargs="*", metavar="ROW", help="only these, quick or not")
     options.add_argument("--full", action="store_true", help="all rows that have a check")

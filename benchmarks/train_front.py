@@ -1,4 +1,4 @@
-"""Accuracy against joules on Loihi: networks that `neuro train --search` has found, beside ReMuS.
+"""Accuracy against joules on Loihi of networks from `neuro train --search`, beside ReMuS.
 
 python benchmarks/train_front.py FOLDER/front.csv --out docs/how-to/train_front.png
 """
@@ -13,13 +13,13 @@ from neuro.apps import wilson, write_picture
 from neuro_train.telling import logarithmic
 
 REMUS = ((149.0, 217), (175.0, 218), (210.0, 224), (477.0, 220), (548.0, 224))
-"""Microjoules, and right of 250 held out: docs/how-to/tune.md, two epochs."""
+"""Microjoules, and right decisions of 250 held-out recordings, after two epochs: docs/how-to/tune.md."""
 WHOLE = (471.0, 914)
-"""ReMuS after eight epochs, and right of 1000 in five folds: docs/reference/recognisers.md."""
+"""Microjoules, and right decisions of 1000 in five folds, after eight epochs: docs/reference/recognisers.md."""
 
 
 def figure(rows):
-    """All points of a search, its front on what was held out, and ReMuS."""
+    """Draw all points of a search, its front on the held-out recordings, and ReMuS."""
     made = Figure(figsize=(7.0, 4.2), dpi=150, layout="constrained")
     axis = made.subplots()
     axis.spines[["top", "right"]].set_visible(False)
@@ -38,7 +38,7 @@ def figure(rows):
 
 
 def drawn(axis, points, mark, colour, label):
-    """Points with their 95 % intervals."""
+    """Draw points with their 95 % intervals."""
     share = [100.0 * right / n for _, right, n in points]
     ends = [[100.0 * end for end in wilson(right, n)] for _, right, n in points]
     below, above = ([abs(at - end[k]) for at, end in zip(share, ends, strict=True)] for k in (0, 1))

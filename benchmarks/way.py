@@ -2,9 +2,9 @@
 
     python benchmarks/way.py [--backend event] [--files] [--functions FILE]
 
-A file counts with all its code lines if one of its functions is called after `import neuro`. A file above 400 code
-lines counts twice, so that joined files gain nothing. `--files` lists each file with the lines of its functions that
-were called and that were not; `--functions` lists the functions of one file.
+A file counts with all its code lines if one of its functions is called after `import neuro`. A file with more than 400
+code lines counts twice, so that joining files has no advantage. `--files` lists each file with the numbers of lines of
+its functions that were called and of those that were not. `--functions` lists the functions of one file.
 """
 
 import argparse
@@ -28,11 +28,11 @@ projections:
   drive: {from: noise, to: cells, rule: all_to_all, weight: 100.0, delay: 1.0}
 """
 OPTIMIZED = 1
-"""The flag of the code of functions; the bodies of modules and classes lack it."""
+"""Flag that code of functions has, but not the code of modules and classes."""
 
 
 def numbered_code_lines(path: Path) -> set[int]:
-    """The numbers of the lines of a file that are no blanks, comments, or docstrings."""
+    """Return the numbers of the lines of a file without blank lines, comments and docstrings."""
     text = path.read_text("utf-8")
     strings = {
         line
@@ -45,7 +45,7 @@ def numbered_code_lines(path: Path) -> set[int]:
 
 
 def called_functions(backend: str) -> tuple[dict[Path, set[int]], int]:
-    """The first lines of the functions of the project that ran, by file, and how many spikes the network gave."""
+    """Run the network. Return the first lines of the project's called functions, by file, and the number of spikes."""
     codes: set[CodeType] = set()
 
     def note(frame: FrameType, event: str, _: object) -> None:
@@ -71,7 +71,7 @@ def called_functions(backend: str) -> tuple[dict[Path, set[int]], int]:
 
 
 def defined(path: Path) -> Iterator[tuple[str, int, int, int]]:
-    """The functions of a file that lie in no other one: name, first line with decorators, line of `def`, last line."""
+    """Yield the outer functions of a file: name, first line with decorators, line of `def`, last line."""
 
     def inside(node: ast.AST, name: str) -> Iterator[tuple[str, int, int, int]]:
         for child in ast.iter_child_nodes(node):

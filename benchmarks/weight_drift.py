@@ -1,10 +1,10 @@
-"""Where weights of ReMuS go, predicted and measured: `python benchmarks/weight_drift.py --split 1 --set theta=30`.
+"""Predicted and measured weights of ReMuS: `python benchmarks/weight_drift.py --split 1 --set theta=30`.
 
 ReMuS (`--preset adapted`, changed by `--set`) learns from 300 recordings of N-MNIST and is tested on 300 others. The
-shares of each 1000 trials are counted; the last weights are predicted from the first weights and these shares alone.
-Prints, for each `--epsilon`, the share of right decisions, that of weights at the bound, the deviation of the
-prediction, and the epsilon above which the mean weight rises by the shares of the first 1000 trials. `--table` trains
-five settings and ends with the largest deviation.
+shares of trials that change a weight are counted in blocks of 1000 trials. The last weights are predicted from the
+first weights and these shares alone. For each `--epsilon` the script prints the share of right decisions, the share of
+weights at the bound, the deviation of the prediction, and the epsilon above which the mean weight rises with the shares
+of the first 1000 trials. `--table` trains five settings and ends with the largest deviation.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ TABLE: tuple[tuple[int, dict[str, Any]], ...] = (
     (1, {"Ar_plus": 0.05, "Ar_minus": -0.02, "Ap_plus": 0.01, "Ap_minus": -0.05}),
     (2, {"field": 9, "theta": 40.0, "ties_after": True}),
 )
-"""Splits and settings: docs/explanation/recognisers.md."""
+"""Splits and settings of the table in docs/explanation/recognisers.md."""
 
 
 def measured(method: Remus, train: Features, test: Features, seed: int) -> list[float]:
-    """Share right, share at the bound, deviation of the prediction, and the epsilon of the first trials."""
+    """Return the share of right decisions, the share of weights at the bound, the deviation, and the epsilon."""
     frames, layer = Frames.of(train), method.layer
     assert isinstance(layer, Labelled)
     net = layer.network(method.inputs, len(train.classes))
@@ -69,7 +69,7 @@ def measured(method: Remus, train: Features, test: Features, seed: int) -> list[
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure all settings and print the figures."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--split", type=int, default=0, help="draws the recordings; also the seed")
     options.add_argument("--epsilon", type=float, nargs="+", default=[0.0002])

@@ -1,7 +1,7 @@
-"""How long a wiring diagram of a fly's brain takes: 140,000 neurons and 25 million edges, synthetic.
+"""Time and memory of a synthetic wiring diagram like a fly's brain, with 140,000 neurons and 25 million edges.
 
-Each part runs in a process of its own, whose peak of memory is its own, too: the edges are made and written, loaded and
-compiled from each format, and run at 17,000 spikes a second.
+The parts are: make and write the edges; load and compile them from each format; run at 17,000 spikes per second. Each
+part runs in a process of its own, so its peak of memory is separate.
 
     python benchmarks/wiring.py                    all
     python benchmarks/wiring.py load edges.parquet --folder FOLDER    one part, in this process
@@ -21,7 +21,7 @@ import numpy as np
 
 NEURONS, EDGES, DRIVEN = 140_000, 25_000_000, 1000
 SPIKES = 17_000
-"""In a second, of the neurons that are driven; as many are published for the brain of the fly."""
+"""Spikes per second of the driven neurons. The same number is published for the brain of the fly."""
 
 PARTS = (
     ("make",),
@@ -33,13 +33,13 @@ PARTS = (
 
 
 def ids() -> np.ndarray:
-    """Ids as those of FlyWire: 64 bits, in no order."""
+    """Return ids like those of FlyWire, with 64 bits and in no order."""
     rng = np.random.default_rng(1)
     return 720575940600000000 + rng.permutation(50_000_000)[:NEURONS]
 
 
 def make(folder: Path, neurons: int, edges: int) -> None:
-    """Write the tables: targets as a fly has them, a few of which get most edges."""
+    """Write the tables. As in a fly, a few targets get most edges."""
     import h5py
     import pyarrow
     import pyarrow.csv
@@ -64,7 +64,7 @@ def make(folder: Path, neurons: int, edges: int) -> None:
 
 
 def load(said: argparse.Namespace) -> None:
-    """Describe, compile, and run a biological second."""
+    """Describe and compile the network, and run a biological second."""
     import neuro
 
     begin = time.perf_counter()
@@ -78,7 +78,7 @@ def load(said: argparse.Namespace) -> None:
         dale=True,
         shuffle=said.shuffle,
     )
-    # Shiu et al., Nature 634:210, 2024, with R_m = 1 GOhm, so that a weight in pA is one of theirs in mV.
+    # Shiu et al., Nature 634:210, 2024, with R_m = 1 GOhm, so that a weight in pA equals one of the paper in mV.
     model = neuro.iaf_psc_exp(
         tau_m=20.0, C_m=20.0, tau_syn_ex=5.0, tau_syn_in=5.0, E_L=-52.0, V_reset=-52.0, V_th=-45.0, t_ref=2.2
     )
@@ -120,7 +120,7 @@ def _peak() -> float:
 
 
 def main() -> None:
-    """Run all parts, or the one that is named."""
+    """Run all parts, or the named part."""
     words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     words.add_argument("part", nargs="?", choices=("make", "load", "run"))
     words.add_argument("name", nargs="?", default="edges.parquet")
