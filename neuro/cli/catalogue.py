@@ -135,7 +135,7 @@ def describe(choice: type[Choice], out: Any) -> None:
 
 
 def body(choice: type[Choice]) -> str:
-    """Return the description of a model without its source, as one line per paragraph."""
+    """Return the description of a model without the source, as a line for each paragraph."""
     text = inspect.cleandoc(choice.__doc__ or "")
     if getattr(choice, "source", ""):
         text = text.partition("Source:")[0]

@@ -170,7 +170,7 @@ def with_extensions(command: Any) -> Any:
 
 
 def without_type(parameter: Any) -> Any:
-    """Return the parameter. If it is a flag, its type `<bool>` is removed from the help."""
+    """Return the parameter. The type `<bool>` of a flag is removed from the help."""
     if getattr(parameter, "is_flag", False):
         parameter.metavar = ""
     return parameter
@@ -178,7 +178,7 @@ def without_type(parameter: Any) -> Any:
 
 @cache
 def _option() -> Any:
-    """Return the eager option `--with`. Its files run first, because other options may name parts from these files."""
+    """Return the eager option `--with`. The files run first, because other options may name parts from the files."""
     app = typer.Typer(add_completion=False)
     app.command()(_with_option)
     return next(p for p in typer.main.get_command(app).params if "--with" in p.opts)

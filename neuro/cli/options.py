@@ -130,7 +130,7 @@ def _options_of(kind: type[Any]) -> list[inspect.Parameter]:
 
 
 def milliseconds(text: str) -> float:
-    """Parse a time > 0, such as "20" (ms) or "0.5 s", and return it in ms."""
+    """Return the time > 0 of a text such as "20" (ms) or "0.5 s", ms."""
     from neuro.core.errors import ModelError
     from neuro.core.units import converted, is_measure
 
@@ -148,7 +148,7 @@ def milliseconds(text: str) -> float:
 
 
 def moment(text: str) -> float:
-    """Parse a point in time, such as "20" (ms) or "0.5 s", and return it in ms."""
+    """Return the point in time of a text such as "20" (ms) or "0.5 s", ms."""
     from neuro.core.errors import ModelError
     from neuro.core.quantities import in_ms
 

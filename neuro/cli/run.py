@@ -189,7 +189,7 @@ def _run_then_write(
 ) -> tuple[Results, float]:
     """Run the network, then write all results at once.
 
-    A pipe needs this, because it cannot be written piece by piece. Several processes need it, because only one writes.
+    A pipe cannot be written piece by piece. Of several processes, only one writes.
 
     Returns:
         the results, and the duration of the first steps from `advance` in s. The results have no weights in processes
@@ -447,7 +447,7 @@ def write_pictures(pictures: Iterable[tuple[str, Figure]], folder: Path, format:
 
 
 def _overlaps(trace: Trace, views: Sequence[View]) -> bool:
-    """Return True if a trace has a neuron in a view of its population, or if there is no view of its population."""
+    """Return True if a trace has a neuron in one of the views, or if no view has the population of the trace."""
     own_views = [view for view in views if view.population.name == trace.population]
     if not own_views or trace.single or trace.ids is None:
         return True

@@ -185,7 +185,7 @@ def check_name(path: Path) -> None:
 
 @contextmanager
 def filled(folder: Path) -> Iterator[Path]:
-    """Provide a temporary folder. After a block without an error it is renamed to `folder`, otherwise it is deleted.
+    """Provide a temporary folder. After a block without an error the folder is renamed to `folder`, otherwise deleted.
 
     Raises:
         Unwritable: the path exists and is not an empty folder, or cannot be written.

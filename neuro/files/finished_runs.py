@@ -31,7 +31,7 @@ READABLE = "spikes, traces and weights can be read without"
 
 
 class RecordingSearch:
-    """A search for recordings in folders. It remembers missing recordings.
+    """A search for recordings in folders, with a list of missing recordings.
 
     Args:
         folders: folders to search, in this order.
@@ -229,7 +229,7 @@ def _neurons(results: Any, name: str, word: str, value: Any, population: str) ->
 def _delays(results: Any, part: Any, name: str) -> Floats:
     """Return the delay of each synapse in ms, (synapses,).
 
-    Delays that no rule changes are not in the file. They are drawn again from the network and the seed.
+    Delays that no rule changes are not in the file, but are drawn again from the network and the seed.
     """
     if part.delay_ms is not None:
         return np.asarray(part.delay_ms)

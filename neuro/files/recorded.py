@@ -69,8 +69,8 @@ def intervals(times_ms: Floats, ids: Ints) -> tuple[Floats, Ints]:
 def variation(times_ms: Floats, ids: Ints) -> Floats:
     """Return the coefficient of variation of the intervals of each neuron with two intervals or more.
 
-    The coefficient is the population standard deviation divided by the mean. It is 1 for a Poisson process. Neurons
-    whose intervals are all 0, because all their spikes are in one step, are left out.
+    The coefficient is the population standard deviation divided by the mean, and 1 for a Poisson process. Neurons
+    whose intervals are all 0, with all spikes in one step, are left out.
 
     Source: Softky & Koch, J. Neurosci. 13:334, 1993
     """

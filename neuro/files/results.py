@@ -84,8 +84,8 @@ KIND = Kind("a file of results", lambda path: has_format(path, FORMAT))
 class Results:
     """Results of a run, with the methods of a simulation for spikes, traces and weights.
 
-    An argument that is a part of the network may be its name, the part itself, or a view of it. Arrays are read from
-    the file on first access. For spikes in a window, only the window is read.
+    A part of the network may be given by name, as the part itself, or as a view of the part. Arrays are read from the
+    file on first access. For spikes in a window, only the window is read.
 
     Attributes:
         about: attributes of the file: network, backend, seed, threads, duration_ms, resolution_ms, counts, versions.
@@ -155,7 +155,7 @@ class Results:
 
     @property
     def held(self) -> float:
-        """Time in ms after which spikes and traces can be read, as in a simulation. It is always 0."""
+        """Time in ms after which spikes and traces can be read, as in a simulation. Results always have 0."""
         return 0.0
 
     @property

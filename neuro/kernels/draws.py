@@ -109,8 +109,7 @@ def _count(word, m, cumulative):
 def guide_to(cumulative: NDArray[np.float64]) -> NDArray[np.uint16]:
     """Return the guide of `poisson_by_table`, (2 ** GUIDE_BITS,).
 
-    Entry b is the count of all words whose first bits are b. If their counts differ, it is the smallest count plus
-    `UNSURE`.
+    Entry b is the count of all words whose first bits are b, or the smallest count plus `UNSURE` if counts differ.
     """
     lowest_count, highest_count = (np.searchsorted(cumulative, ends, side=side) for ends, side in _CELLS)
     return (lowest_count + UNSURE * (lowest_count < highest_count)).astype(np.uint16)

@@ -122,7 +122,7 @@ def load_acquire(typingctx, array, row):
 
 @intrinsic
 def store_release(typingctx, array, row, value):
-    """Write the first number of a row of an int64 table. Other threads see it after everything written before it."""
+    """Write the first number of a row of an int64 table. Other threads see the number after all earlier writes."""
 
     def codegen(context, builder, signature, arguments):
         index = context.cast(builder, arguments[1], signature.args[1], types.intp)

@@ -221,7 +221,7 @@ def _hashed(parts: list[object]) -> str:
 
 
 def _typed(kind: Any) -> object:
-    """Return a description of a numba type. In contrast to numba's text, that of a named tuple includes its fields."""
+    """Return a description of a numba type. Unlike numba's text, a description of a named tuple has the fields."""
     if isinstance(kind, types.BaseTuple):
         parts: Any = kind
         return repr(kind), getattr(kind, "fields", ()), [_typed(part) for part in parts]
@@ -268,7 +268,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _followed(name: str, value: Any, words: list[str]) -> Iterator[tuple[str, Any]]:
-    """Yield a value. If it is a module, also yield the attributes that a function with these words may read.
+    """Yield a value, and for a module also the attributes that a function with the words `words` may read.
 
     Nested modules are followed, except `math` and `numpy`, which numba knows by name.
     """
@@ -317,7 +317,7 @@ def _value(function: FunctionType, name: str, value: Any, callees: list[Any]) ->
 
 
 def _intrinsic(definition: FunctionType) -> object:
-    """Return the identity of an intrinsic: source of its module, bytecode, numbers and types in its closure."""
+    """Return the identity of an intrinsic: source of the module, bytecode, numbers and types in the closure."""
     closed = [cell.cell_contents for cell in definition.__closure__ or ()]
     simple_values = [
         _typed(v) if isinstance(v, types.Type) else repr(v)

@@ -102,7 +102,7 @@ def _longest_series(arriving: Row, candidates: Collection[int]) -> Row:
 
 
 def _group_rows(program: Program, series: list[Row]) -> list[Row]:
-    """Group the series of all targets into joined rows, and order the rows such that every sum keeps its order."""
+    """Group the series of all targets into joined rows, and order the rows as the sums of the targets require."""
     rank: dict[tuple[int, bool], int] = {}
     rows: dict[tuple[int, int], Row] = {}
     for neighbours in series:
@@ -175,7 +175,7 @@ def join(arrays: EventArrays) -> None:
         columns[t.SHORTEST], columns[t.DELAYS] = spans[:, 0].min(), np.ptp(spans) + 1
         own = [block.weight for q in row for block in synapse_blocks(arrays, q)]
         columns[t.SINGLE] = all(map(is_single, own))
-        # A row whose synapses all have one weight stores it once.
+        # A row whose synapses share a weight stores the weight once.
         columns[t.WEIGHT_STRIDE] = int(any(each.size > 1 for each in own) or len({each.tobytes() for each in own}) > 1)
         signs = {layout.sign(each) for each in own if each.size} if _by_sign(arrays.program, row[0]) else {t.POSITIVE}
         del own
@@ -214,7 +214,7 @@ def as_described(arrays: EventArrays) -> frozenset[int]:
 def weights(arrays: EventArrays, q: int) -> NDArray[np.floating[Any]]:
     """Return the weights that a projection in joined rows adds, in internal order.
 
-    They are the values that were set in this run, or else the weights of the program.
+    Values that were set in this run replace the weights of the program.
     """
     first, stride = arrays.net["projections"][q, [t.WEIGHT, t.WEIGHT_STRIDE]].tolist()
     if first < 0:
@@ -261,7 +261,7 @@ def _lay_runs(arrays: EventArrays, columns: Ints, row: Row) -> int:
 
 
 def _lay_row(arrays: EventArrays, columns: Ints, row: Row) -> None:
-    """Lay out a joined row. It replaces the arrays of those of its projections that are compact."""
+    """Lay out a joined row. The row replaces the arrays of compact projections."""
     weights_of = "joined_singles" if columns[t.SINGLE] else "joined_weights"
     steps, row_weights = arrays.net["joined_steps"][columns[t.SYNAPSE] :], arrays.net[weights_of][columns[t.WEIGHT] :]
     row_weights = row_weights if columns[t.WEIGHT_STRIDE] else row_weights[:1]

@@ -157,9 +157,9 @@ def _request_entry(arrays: EventArrays, row: Ints, rule: Any, own_rows: bool) ->
 
     | condition | path | reason |
     | --- | --- | --- |
-    | no modulator, one fixed delay, one tau_minus (or K- is not read) | `eager_rules` | it needs no history |
+    | no modulator, one fixed delay, one tau_minus (or K- is not read) | `eager_rules` | no history is needed |
     | otherwise `stdp` and `stdp_dopa` | `lazy_stdp` | K+ and K- are two numbers that stay in registers |
-    | any other rule | `lazy_rules` | a rule may have any traces; the history has their values before each spike |
+    | any other rule | `lazy_rules` | a rule may have any traces; the history stores the traces before each spike |
     | constants differ between synapses | the same pass with `own_row` | looking up rows took 4 % of the time |
 
     In an eager projection a spike of a neuron reaches all synapses of the neuron in one step, so no history is

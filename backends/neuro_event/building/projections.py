@@ -111,7 +111,7 @@ def _place_ring(arrays: EventArrays, row: Ints, longest: int, at: int) -> int:
 
 
 def give_ring(arrays: EventArrays, q: int) -> int:
-    """Give a projection a ring. From now on its spikes are delivered into the ring when they are emitted.
+    """Give a projection a ring. From now on, emitted spikes are delivered into the ring at once.
 
     Return the delay in steps after which spikes were read from the log before, or 0 if the projection had a ring.
     """

@@ -66,8 +66,8 @@ def whole_populations(program: Program, threads: int) -> Ints | None:
     """Return the thread of each population, or None if whole populations cannot be divided evenly.
 
     The few synapses of a source with the same target population and delay are neighbours in memory. If two threads
-    shared them, one and a half times as many cache lines would be read. A generator belongs to the thread of the
-    population that the generator drives.
+    shared a population, one and a half times as many cache lines would be read. A generator belongs to the thread of
+    the population that the generator drives.
     """
     members: dict[int, list[int]] = {}
     for index, population in enumerate(program.populations):

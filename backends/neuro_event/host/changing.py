@@ -33,7 +33,7 @@ STRETCH_VALUES = 1 << 19
 class VaryingCurrents:
     """The currents of the next steps into populations whose current changes at every step.
 
-    A line is the current of one projection during an interval in which its weights do not change.
+    A line is the current of one projection during an interval without a change of weights.
 
     Args:
         program: the whole network.

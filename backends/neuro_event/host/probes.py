@@ -49,7 +49,7 @@ class StateProbe:
     def take(self) -> tuple[Ints, Floats]:
         """Return the steps and values since the last call, and discard them."""
         steps = np.array(self._steps, dtype=np.int64)
-        # Only filled rows are copied. A row of `zeros` takes no memory until it is filled, but its copy does.
+        # Only filled rows are copied. An unfilled row of `zeros` takes no memory, but a copy of the row does.
         filled = steps.size - self._rows * (len(self._values) - 1)
         values = np.concatenate([*self._values[:-1], self._values[-1][:filled]])
         self._steps, self._values = [], self._values[:1]

@@ -151,7 +151,7 @@ def by_id(values: Floats, order: Ints | None) -> Floats:
 
 
 def weights(arrays: EventArrays, projection: int) -> Floats:
-    """Return the weights of a projection in the order of the program's weights. It must not learn from spike pairs."""
+    """Return the weights of a projection that does not learn from pairs, in the order of the program's weights."""
     p, row = arrays.program.projections[projection], arrays.net["projections"][projection]
     first = row[t.WEIGHT]
     if first < 0:

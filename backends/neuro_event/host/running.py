@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class Running:
     """A program that the compiled loop can advance.
 
-    A module is imported where it is used, if only some networks or only reads need it.
+    Modules that only some networks or only reads need are imported at the place of use.
     """
 
     def __init__(self, program: Program, threads: int) -> None:
@@ -126,7 +126,7 @@ class Running:
                 self._run_to(end if self._changing is None else min(end, self._prepare(self._changing, self._step)))
 
     def share_stop(self, engines: Sequence[Running]) -> Ints:
-        """Let several engines share one stop request, so that they stop together, and return the request.
+        """Let several engines share one stop request, to stop together, and return the request.
 
         See `neuro.core.interrupts`.
         """

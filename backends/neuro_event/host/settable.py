@@ -68,8 +68,8 @@ class Settable(Running):
     def signal(self, signal: int, values: Floats) -> None:
         """Set the values of a signal at its targets.
 
-        The values are the dopamine concentration of synapses that learn from pairs. Synapses that learn by moves are
-        taught with them, or gated by them.
+        For synapses that learn from pairs, the values are the dopamine concentration. For synapses that learn by moves,
+        the values are the signal of `teach`, or the gate.
         """
         for q, k in self._arrays.moves_of.items():
             part = self._program.projections[q]

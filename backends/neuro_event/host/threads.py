@@ -1,6 +1,6 @@
 """Run slices of steps on several threads.
 
-A slice is as long as the shortest delay. Its spikes arrive after it, so threads need no exchange within a slice.
+A slice is as long as the shortest delay. Spikes of a slice arrive later, so threads need no exchange within a slice.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ LINE = 8
 
 
 class Threads:
-    """Runs the loop on n threads, or on one thread if one is as fast, e.g. if other programs use the cores.
+    """Runs the loop on n threads, or on a single thread if that is as fast, e.g. if other programs use the cores.
 
-    One thread and all threads give the same result, so both are tried and measured. A stretch on all threads pays its
-    duration from a budget, and earns the duration on one thread divided by `GAIN`. A stretch on one thread earns
-    `SHARE` of its duration. All threads run while the budget is positive, and are tried again when the budget reaches
-    `ENOUGH`. So trials take little time, even if other programs use the cores.
+    A single thread and all threads give the same result, so both are tried and measured. A stretch on all threads
+    costs the duration, in s, and earns the duration on a single thread divided by `GAIN`. A stretch on a single thread
+    earns `SHARE` of the duration. Costs and earnings add up to a budget. All threads run while the budget is positive,
+    and are tried again when the budget reaches `ENOUGH`. So trials take little time, even if others use the cores.
     """
 
     def __init__(self, n: int) -> None:
@@ -66,7 +66,7 @@ class Threads:
 
     @property
     def several(self) -> bool:
-        """Whether there is more than one thread."""
+        """True if there are several threads."""
         return self._pool is not None
 
     def run(self, view: int, first: int, last: int, longest: int, reach: int, h: float, stop: Ints) -> int:

@@ -1,4 +1,4 @@
-"""Several engines of the same network. One call of a kernel advances, reads or sets all of them."""
+"""Several engines of the same network. A single call of a kernel advances, reads or sets all engines."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from neuro_event.loop import tables as t, together
 class EventEngines:
     """Engines of the same network with different seeds; see `neuro.program.together.Engines`.
 
-    The kernels do not support several threads, currents that change, and probes that are read during a run. With any of
-    these, the engines run one after the other.
+    The kernels do not support several threads, currents that change, and probes that are read during a run. In such
+    cases the engines run in turn.
     """
 
     def __init__(self, engines: Sequence[Any]) -> None:

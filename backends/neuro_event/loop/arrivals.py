@@ -1,17 +1,17 @@
 """Delivery of spikes when they arrive. Spikes are read from the log. Synapses with several delays are in joined rows.
 
-A joined row has the synapses of one projection, or of several projections from one source population. A run has the
+A joined row has the synapses of a projection, or of several projections from the same source population. A run has the
 synapses of one source neuron with the same delay, onto all targets of the row. In each step, a spike in the log adds
 the run of its source whose delay equals the age of the spike. The input of one step stays in the cache, while a ring of
 all future steps would not. The oldest spikes are added first, spikes of the same age by id, and the targets of a run
 ascend. So all sums have the same order as in the reference backend. The order does not depend on the number of threads,
 because each target belongs to one thread.
 
-If each projection has few synapses, its runs are short and most runs are empty. A row of many projections needs one
-look-up for each spike and delay, not one for each spike, delay and projection. Joining keeps the order of each sum:
+If each projection has few synapses, its runs are short and most runs are empty. A row of many projections needs a
+look-up for each spike and delay, not for each spike, delay and projection. Joining keeps the order of each sum:
 only one projection of a row reaches a given target, and rows follow the order of projections (see
-`building.joined_rows`). A synapse takes six bytes: 16 bits for the distance from the place of the synapse before it in
-the run, and 32 bits for a weight that fits into them. If all synapses have one weight, it is stored once. Memory
+`building.joined_rows`). A synapse takes six bytes: 16 bits for the distance from the place of the last synapse of the
+run, and 32 bits for the weight if 32 bits are enough. A weight that all synapses share is stored once. Memory
 bandwidth sets the time: rows of six bytes per synapse take half the time of rows of twelve.
 """
 
@@ -52,7 +52,7 @@ def log_delivery(view, q, j, k, begin, stop, ring):
 
 @kernel
 def carry(view, q, lag, now):
-    """Write the spikes under way over a projection at the end of step `now` into its new ring, with their weights.
+    """Write the spikes under way over a projection at the end of step `now`, with weights, into the new ring.
 
     Until now these spikes were read from the log `lag` steps after emission. Neurons send the spikes of step `now` when
     the next step begins, so the spikes of step `now` get the new weights.
@@ -111,11 +111,11 @@ def deliver(view, first, last, begin, stop, step):
     | one-to-one | `deliver.scatter` | one target, without a table |
     | grid | `deliver.grid_add` | the weights of a kernel have the maps innermost: runs of neighbours |
 
-    A projection is joined with others wherever sums keep their order (`building.joined_rows`, JOINED, JOINED_END). It
-    has a row of its own (JOINED_ROW) if the row has at most as many runs as synapses, or at most 65,536 runs
-    (`layout.in_runs`). It is busy and large if the spikes of the step reach nearly all blocks (WAKE_ALL) of a
-    population without COLLECTS, and if these threads have more than 32,768 targets. Both functions for one weight are
-    in `deliver`.
+    A projection is joined with others wherever sums keep their order (`building.joined_rows`, JOINED, JOINED_END). A
+    projection has its own row (JOINED_ROW) if the row has at most as many runs as synapses, or at most 65,536 runs
+    (`layout.in_runs`). A projection is busy and large if the spikes of the step reach nearly all blocks (WAKE_ALL) of a
+    population without COLLECTS, and if the threads begin:stop have more than 32,768 targets. Both functions for one
+    weight are in `deliver`.
 
     LAG, WEIGHT_STRIDE and WAKE_ALL are set in `building.projections`, LAYOUT in `building.layout`, DENSE_COUNTS in
     `building.build`. Projections with LAG 0 have a ring and are not delivered here.

@@ -273,7 +273,7 @@ def grid_add(view, row, source, m, thread, lo, hi, destination):
     weights, buf, due = net.weights, net.buf, net.due[thread]
     width, sheet = row[t.CHANNEL_WIDTH], row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
     maps, rows, columns, reach = row[t.MAPS], row[t.ROWS], row[t.COLUMNS], row[t.REACH]
-    # A source that is itself the target of a grid has its channels innermost. Other sources have them outermost, by id.
+    # A source that is also the target of a grid has the channels innermost, other sources outermost, in id order.
     inside = row[t.CHANNELS_INSIDE]
     channel, pixel = (source % inside, source // inside) if inside > 0 else (source // sheet, source % sheet)
     y, x = pixel // width + row[t.TOP], pixel % width + row[t.LEFT]
@@ -369,7 +369,7 @@ def scatter(view, q, source_id, m, thread, lo, hi, n, destination):
 def deliver_log(view, q, sent_step, now, begin, stop, ring):
     """Deliver the spikes of step `sent_step` over projection q, to the targets of the threads begin:stop.
 
-    With `ring` the spikes are added to the slot of their arrival in the projection's ring, if they arrive after `now`.
+    With `ring`, spikes that arrive after `now` are added to the slot of the arrival in the ring of the projection.
     Without `ring` the spikes are added to the input of step `now`.
     """
     net = net_of(view)
@@ -419,7 +419,7 @@ def deliver_log(view, q, sent_step, now, begin, stop, ring):
 def deliver_each(view, q, sent_step, now, log_slot, thread, out, receptor_stride, mark, spot):
     """Deliver the spikes of a step to a thread's targets, spike by spike.
 
-    All projections are delivered so, except CSR projections with one weight and one delay.
+    All projections are delivered so, except CSR projections with a single weight and a single delay.
     """
     net = net_of(view)
     row = net.projections[q]

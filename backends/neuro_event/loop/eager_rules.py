@@ -1,6 +1,6 @@
-"""Eager pair learning: a spike acts on synapses as soon as it reaches them.
+"""Eager pair learning: a spike acts on synapses at once when it arrives.
 
-A post spike acts on all synapses onto its neuron, and a pre spike on the row of its neuron. This is possible if a spike
+A post spike acts on all synapses onto the neuron, and a pre spike on the row of the neuron. This is possible if a spike
 reaches all synapses of a projection in the same step, so that no history is stored and searched. The rule must have no
 modulator. The synapses must share one delay, which does not learn. The rule must not read K- of neurons that differ in
 tau_minus. No value that can be set during a run changes these conditions.
@@ -86,7 +86,7 @@ def stored_after(kind, stored, decay, step, m):
     """Return the stored value of a trace after m spikes in a step."""
     if kind[TAU] == TIME:
         return np.float64(step)
-    # Such a trace vanishes at once, and a division by `decay` would give infinity.
+    # The trace vanishes at once, and a division by `decay` would give infinity.
     if decay == 0.0:
         return 0.0
     return kind[ADDS] / decay if kind[NEAREST] == 1.0 else stored + kind[ADDS] * m / decay

@@ -45,8 +45,8 @@ def draw_poisson(view, thread, pop, step, log_at, processed_step, h):
         while fired:
             i = lo + lowest(fired)
             fired &= fired - _ONE
-            # `reaching` only finds the neurons with at least one spike. Their counts are computed one by one from the
-            # same word.
+            # `reaching` only finds the neurons with at least one spike. The counts are then computed from the same
+            # word, neuron by neuron.
             m = poisson_by_sum(base, i - row[t.BEGIN], net.mean[i], net.nothing[i])
             log_at = emit(view, thread, pop, i, m, step, processed_step, h, log_at)
     return log_at
@@ -97,7 +97,7 @@ def list_spikes(view, thread, pop, step, log_at, processed_step, h):
 def wake_emitting(mean, awake, busy, first, last, step):
     """Wake those blocks among first:last that have a rate above 0, and put the others to sleep.
 
-    If a block was awake, its entry of `busy` becomes `step`, which is its last step with the old rate.
+    If a block was awake, `busy` of the block becomes `step`, the last step with the old rate.
     """
     for block in range(first, last):
         if awake[block] == 1:

@@ -104,7 +104,7 @@ def record_potentials(view, thread, row, step, h):
 
 @subkernel
 def first_rival(view, row, i):
-    """Return the first neuron among neuron i and its rivals, of which only one fires."""
+    """Return the first of neuron i and all rivals, among which a single neuron fires."""
     net = net_of(view)
     distance = net.groups[row[t.GROUP], t.APART]
     # Rivals differ along a single axis of the population, so they have equal distances.
@@ -197,7 +197,7 @@ def enter_winner(view, row, i, step):
 
 @subkernel
 def settle_locally(view, thread, pop, row, n, step, log_at, processed_step, h):
-    """Choose winners among the candidates one after the other, and let them fire. Return the next place in the log."""
+    """Choose winners among the candidates in turn, and let all winners fire. Return the next place in the log."""
     net = net_of(view)
     group = row[t.GROUP]
     if net.groups[group, t.IN_TRIAL] == 1:

@@ -1,7 +1,7 @@
 """Lazy pair learning: a synapse is updated when an event needs it. Eager learning is in `eager_rules`.
 
-Each neuron has a short history of its post spikes. A synapse catches up when it applies the post spikes of the history
-that it has not applied yet. When a history is full, all synapses onto the neuron catch up, and entries that no synapse
+Each neuron has a short history of its post spikes. To catch up, a synapse applies the post spikes of the history that
+were not applied yet. When a history is full, all synapses onto the neuron catch up, and entries that no synapse
 needs any more are dropped. So synapses of silent sources take no memory. A read updates a copy of the states. If all
 projections of an engine learn lazily, an engine that is restored from its snapshot learns lazily until a reset.
 """
@@ -49,7 +49,7 @@ def dopamine_at(view, q, target, step, h):
 def catch_up_target(view, q, thread, target, step, whole, h):
     """Catch up every synapse of a projection onto one target.
 
-    With `whole` the synapses are updated to `step`, without it to their last post spike up to `step`. The caller sets
+    With `whole` the synapses are updated to `step`, else to the last post spike up to `step`. The caller sets
     APPLIED of the target after all its projections have caught up.
     """
     table = plastic_of(view).table[q]
@@ -114,14 +114,14 @@ def catch_up_history(view, pop, thread, target, step, whole, h):
             longest = max(longest, plastic.table[q, t.LONGEST])
             catch_up_target(view, q, thread, target, step, whole, h)
     past = plastic.past[net.pops[pop, t.HISTORY] + target]
-    # The neuron stores one step for all synapses onto it, instead of a step for each synapse.
+    # The neuron stores a single step for all incoming synapses, instead of a step for each synapse.
     past[APPLIED] = max(past[APPLIED], step)
     return longest
 
 
 @subkernel
 def store_others(view, pop, local, n, step, h):
-    """Store the post traces that third-party rules read, as they are just before a spike of their neuron."""
+    """Store the post traces that third-party rules read, with the values just before a spike of the neuron."""
     net, plastic = net_of(view), plastic_of(view)
     history, neuron = net.pops[pop, t.HISTORY] + local, net.pops[pop, t.BEGIN] + local
     others = plastic.others[history]
@@ -158,7 +158,7 @@ def post_spike(view, pop, thread, local, m, step, processed_step, h):
     if n > 0:
         age = (step - past[NEWEST]) * h
         trace += traces[NEWEST + 1] * math.exp(-age / net.tau_minus[net.pops[pop, t.BEGIN] + local])
-    # These traces must not include the spike, so they are stored before the spike is added.
+    # The stored traces must not include the spike, so the spike is added afterwards.
     if plastic.others.shape[2] > 0:
         store_others(view, pop, local, n, step, h)
     # The newest entry comes first, because synapses most often need it.

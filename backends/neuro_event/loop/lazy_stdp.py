@@ -68,7 +68,7 @@ def compile_repeat(model, on_post):
             weight, state = y[0, z], y[last, z]
             on_post(y, z, c, (k,), (0.0,))
             # If a spike changes no state, the next spikes change none either. In a runaway network the weights are at
-            # their bound, so its many spikes take no time.
+            # the bound, so the many spikes take no time.
             if (y[0, z] == weight and y[last, z] == state) or net_of(view).stop[0] == t.AT_ONCE:
                 return
 

@@ -82,7 +82,7 @@ def first_synapse_onto(net, row, source, first, end, target):
 
 @subkernel
 def activate(plastic, k, thread, source):
-    """Add a source to both lists, unless it is in them."""
+    """Add a source to each of both lists, unless the list has the source."""
     first = plastic.move_table[k, t.MOVE_SOURCE]
     place = first + source
     if plastic.move_is_lit[thread, place] == 0:

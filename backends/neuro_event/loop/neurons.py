@@ -1,6 +1,6 @@
 """Kernels that run a step of a population of neurons: wake blocks, add the input of rings, step neurons, let them fire.
 
-A quiet block sleeps: it is not stepped until it gets input.
+A quiet block sleeps: the block makes no step until input arrives.
 """
 
 # mypy: ignore-errors
@@ -197,7 +197,7 @@ def step_neurons(view, thread, pop, step, log_at, processed_step, h, n_all, slot
             lo, active = block * t.BLOCK, 0
             fired = marked(net.fired, lo)
             if fired:
-                # Spikes are rare, so the bits of the word are visited one by one, in the order of ids.
+                # Spikes are rare, so the bits of the word are visited in turn, in the order of ids.
                 while fired:
                     i = lo + lowest(fired)
                     fired &= fired - _ONE
@@ -244,7 +244,7 @@ def collect(view, first_state, word):
     net = net_of(view)
     first = word * t.GROUPED * SPOTS
     first_row, second_row = net.state[first_state], net.state[first_state + 1]
-    # The input of 4,000 neurons takes half as much memory as their states, and most of it is empty. So only the input
+    # The input of 4,000 neurons takes half as much memory as the states, and is mostly empty. So only the input
     # at marked spots is added, counted and cleared, and no other input is read.
     marks = marked(net.spots, first)
     while marks:
@@ -279,7 +279,7 @@ def step_collecting(view, thread, pop, step, log_at, processed_step, h, slots, b
                     wake(view, thread, pop, block, step - 1, h)
                 continue
             if run < block:
-                # Input is collected after the step, because these models add it to their currents at the end of a step.
+                # Input is collected after the step, because models with COLLECTS add input at the end of a step.
                 call_entry(view, row, BARE, run * t.BLOCK, min(block * t.BLOCK, row[t.END]), thread, step, 0.0)
             run = block + 1
         if due:

@@ -1,7 +1,7 @@
 """Compiled operations of a model on a range of neighbouring neurons.
 
 Each model has an entry. The loop calls it by address, once for a range of neurons. So a network only compiles the
-models that it uses, and a new model only compiles its own code.
+models of the network, and a new model only compiles the code of the model.
 """
 
 # mypy: ignore-errors

@@ -1,10 +1,10 @@
 """Learning of the kernels of grids by `stdp` and `stdp_dopa`, step by step.
 
 A weight of a kernel is the weight of many synapses, one at each place of a map. In a step, the changes of all these
-synapses are computed from the weight at the beginning of the step. The weight changes by their sum, or by their mean
-over the places that changed it. It is clipped once, and used from the next step on. Each synapse has its own
-eligibility, because dopamine differs between targets. A spike is delivered with the weight of its step, because it is
-delivered before the kernel learns.
+synapses are computed from the weight at the beginning of the step. The weight changes by the sum of the changes, or
+by the mean over the places with a change. The new weight is clipped once, and used from the next step on. Each
+synapse has its own eligibility, because dopamine differs between targets. A spike is delivered with the old weight,
+because delivery comes before learning in each step.
 
 The time of a step grows with the number of sources and targets. With dopamine it also grows with the number of synapses
 at the places that have any eligibility. Weights and eligibilities have the maps innermost, so the inner loops run over

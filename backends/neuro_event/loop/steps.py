@@ -61,7 +61,7 @@ def act_at_emission(view, thread, upto, arrivals_upto, h):
 
 @subkernel
 def act(view, step, done_arrivals, thread, h, arrivals_only):
-    """Deliver the spikes of one step into rings, and learn from them.
+    """Deliver the spikes of one step into rings, and learn from these spikes.
 
     With `arrivals_only`, only spikes of devices and arrivals at plastic synapses act, not the pre spikes of neurons.
     """
@@ -126,7 +126,7 @@ def advance(view, begin, stop, first, last, h):
                 drive(view, thread, step)
         if net.joined.shape[0] > 0:
             deliver_joined(view, begin, stop, step)
-        # Each population is stepped right after its deliveries, while its input is in the cache. Spikes of this step
+        # Each population is stepped right after the deliveries to it, with the input in the cache. Spikes of this step
         # arrive in the next step at the earliest, so the order of populations has no effect.
         for pop in range(n):
             row = net.pops[pop]
@@ -236,8 +236,8 @@ def share(view, progress, thread, last, longest, reach, h):
     threads = progress.shape[0] - 1
     free = only_spikes(view)
     # Threads that only need spikes run up to `longest` steps ahead of the slowest thread, so that a thread with less
-    # activity need not wait. They publish their progress `STRIDES` times in this interval, which is early enough for
-    # the other threads. If they published it at each step, a cache line would move between cores at each step.
+    # activity need not wait. The progress is published `STRIDES` times in this interval, which is early enough for
+    # the other threads. With a publication at each step, a cache line would move between cores at each step.
     stride, most_ahead = (max(1, longest // STRIDES), 2 * longest) if free else (longest, longest)
     patience, last_least = PATIENCE, HALT
     while patience > 0:
@@ -312,7 +312,7 @@ def run_trial(view, group, first, last, at_decision, reach, h):
     """Run the steps first:last of a trial, up to a decision if `at_decision` is true. Return the next step to run."""
     net = net_of(view)
     for step in range(first, last):
-        # Steps run one by one, because a decision ends the trial in the same step.
+        # Each step is a separate run, because a decision ends the trial in the same step.
         if net.stop[0] != 0 or room(view, step, 1, reach) < 1:
             return step
         advance(view, 0, net.edges.shape[1] - 1, step, step + 1, h)

@@ -153,7 +153,7 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     SHARED_PROJECTION,  # index of the projection
     SHARED_NUMBER,  # index of this row
     SHARED_RULE,  # STDP or STDP_DOPA of `shared_kernels`
-    SHARED_MEAN,  # 1: a weight changes by the mean over the places that changed it; 0: by their sum
+    SHARED_MEAN,  # 1: a weight changes by the mean over the places with a change; 0: by the sum
     SHARED_SOURCE,  # place in `shared_k_plus`
     SHARED_TARGET,  # place in `shared_k_minus` and other arrays of targets
     SHARED_ENTRY,  # place in `shared_change`
@@ -173,7 +173,7 @@ MOVE_TRACES = 4
 (
     DRIVEN,  # target population
     CHARGED,  # state to which a receptor's current is added, or NONE
-    BEGINS,  # 1: first line into its population; the kernel then sets the current to 0 before it adds
+    BEGINS,  # 1: first line into a population, before which the kernel sets the current to 0
     HOW,  # TO_ALL, TO_EACH or AS_LISTED
     FIRST_VALUE,  # place in `emitted`
     VALUES,  # number of columns of a row of `emitted`
@@ -202,7 +202,7 @@ DONE, DONE_ARRIVALS, HORIZON, OVERRUN, UNCOUNTED = range(5)
 
 # columns of `groups`; column 0 is the population
 # FIRST_TO_FIRE: 1 if the first winner decides. IN_TRIAL: 1 during a trial. WINNER, DECIDED: the winner and its step.
-# RIVALS: number of neurons of which one fires. APART: distance in places between two neighbours among them.
+# RIVALS: number of neurons of which one fires. APART: distance in places between two neighbouring rivals.
 FIRST_TO_FIRE, IN_TRIAL, WINNER, DECIDED, RIVALS, APART, GROUP_COLUMNS = range(1, 8)
 
 # columns of `local`, for groups with several winners; RADIUS is NONE for other groups

@@ -97,7 +97,7 @@ def teacher(teach):
                             continue
                         source = source_place(row, first_channel + channel, r + i, s + j)
                         place = (channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j
-                        # All places of a map share the kernel, so the lesson of one neuron changes all of them.
+                        # All places of a map share the kernel, so the lesson of a neuron changes all places.
                         e = place * maps + at
                         values[e] = teach_input(values[e], spikes, source, delay, moment, lesson, c, h)
                         changed += 1

@@ -12,7 +12,7 @@ NETWORK = Path(__file__).with_name("network.yaml")
 def firing(seed=1, **parameters):
     """Return the rate of the excitatory neurons (Hz), and the coefficient of variation of their intervals.
 
-    The coefficient measures irregularity. It is 0 for a clock and 1 for a Poisson process.
+    The coefficient measures irregularity: 0 for a clock, and 1 for a Poisson process.
     """
     sim = neuro.compile(neuro.load(NETWORK, params=parameters), seed=seed)
     sim.run(1000.0)  # ms
