@@ -27,7 +27,7 @@ from neuro_event.loop import tables as t
 from neuro_event.loop.arrivals import MOST, Listed, lay_joined, list_joined
 
 AT_ONCE = 1 << 17
-"""Number of synapses that are laid out at a time. So many stay in the second-level cache."""
+"""Number of synapses that are laid out at a time, few enough for the second-level cache."""
 
 FREED_AT_ONCE = 1 << 21
 """Number of synapses whose memory is returned to the system at a time."""

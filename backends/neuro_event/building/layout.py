@@ -241,7 +241,7 @@ def sign(weights: NDArray[np.floating[Any]]) -> int:
 
 
 _PIECE = 1 << 16
-"""Number of weights whose sign is tested at a time. So many stay in the cache."""
+"""Number of weights whose sign is tested at a time, few enough for the cache."""
 
 
 def map_of_weights(arrays: EventArrays, projection: int, maps: int) -> Ints:

@@ -10,8 +10,8 @@ because each target belongs to one thread.
 If each projection has few synapses, its runs are short and most runs are empty. A row of many projections needs a
 look-up for each spike and delay, not for each spike, delay and projection. Joining keeps the order of each sum:
 only one projection of a row reaches a given target, and rows follow the order of projections (see
-`building.joined_rows`). A synapse takes six bytes: 16 bits for the distance from the place of the last synapse of the
-run, and 32 bits for the weight if 32 bits are enough. A weight that all synapses share is stored once. Memory
+`building.joined_rows`). A synapse takes six bytes: 16 bits for the distance from the place of the previous synapse of
+the run, and 32 bits for the weight if 32 bits are enough. A weight that all synapses share is stored once. Memory
 bandwidth sets the time: rows of six bytes per synapse take half the time of rows of twelve.
 """
 

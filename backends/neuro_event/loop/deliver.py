@@ -419,7 +419,7 @@ def deliver_log(view, q, sent_step, now, begin, stop, ring):
 def deliver_each(view, q, sent_step, now, log_slot, thread, out, receptor_stride, mark, spot):
     """Deliver the spikes of a step to a thread's targets, spike by spike.
 
-    All projections are delivered so, except CSR projections with a single weight and a single delay.
+    This is the path of all projections, except CSR projections with a single weight and a single delay.
     """
     net = net_of(view)
     row = net.projections[q]
