@@ -1,4 +1,4 @@
-"""Recordings with their classes, and the readout of a network: input, output, and the spikes of the input."""
+"""The recordings and the readout of a prediction: their collection, their checks, and the spikes of the recordings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from neuro_events.dataset import UNKNOWN, Sample
 from neuro_events.parts import windowed
 
 _NEVER = 1e20
-"""Threshold in mV from which a neuron counts as one that never fires, as in graphs of NIR."""
+"""Threshold, mV. A neuron with this threshold or a higher one never fires; graphs of NIR use 1e20 for such neurons."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,7 +159,7 @@ class Pixels:
         readout: the readout.
 
     Attributes:
-        steps: steps of a run; None if each recording decides.
+        steps: number of steps of a run; None: each run is as long as its recording.
         events: number of events of the last recording that became spikes.
     """
 

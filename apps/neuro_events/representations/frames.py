@@ -148,8 +148,9 @@ def voxel_grid(
     """Distribute each event over the two nearest time bins by linear interpolation.
 
     V[b, y, x] is the sum over the pixel's events of s max(0, 1 - |b - t*|), where s is the sign and
-    t* = (bins - 1) (t - start) / (stop - start). Bin 0 is at the start and the last bin is at the stop, both
-    included, and no part of an event between them is lost. With one bin, or if all times are equal, t* = 0.
+    t* = (bins - 1) (t - start) / (stop - start). Bin 0 is at the start and the last bin is at the stop.
+    Events at the start and at the stop are counted. The two weights of an event add up to 1. With one bin, or if all
+    times are equal, t* = 0.
     Example: with 3 bins from 0 to 100 us, an ON event at 60 us adds 0.8 to bin 1 and 0.2 to bin 2.
 
     tonic's ``ToVoxelGrid(n)`` puts the stop one bin later and drops the contributions to that bin, which equals

@@ -141,8 +141,10 @@ DATAGRAM = 1400
 
 
 Decoder = Callable[[NDArray[np.uint8], NDArray[np.int64], int, int], tuple[int, Columns, int]]
-"""Decoder of received datagrams, which are entries in the ring of a `Receiver`: (ring, index, first entry, end of the
-entries) -> number of events, columns that begin with these events, number of damaged entries."""
+"""Decoder of received datagrams: (ring, index, first, last) -> (number n of events, columns, number of damages).
+
+A `Receiver` stores each datagram as an entry of its ring. The decoder reads the entries first to last - 1. The events
+are the first n rows of the columns; the columns may be longer."""
 
 Encoder = Callable[[Events, int], Iterator[Any]]
 """Encoder: (events, size limit in bytes) -> datagrams. Called with the parts of one recording in order."""
@@ -158,7 +160,7 @@ class Coding:
         decoder: function that creates a decoder for a stream opened at a time, ns.
         encoder: function that creates an encoder.
         period: time after which the clock of the format wraps, us; 0: never.
-        sides: largest number of columns, and of rows.
+        sides: largest width and largest height of a sensor, px.
         datagram: default size limit of a datagram, bytes.
     """
 
@@ -240,8 +242,10 @@ FAERY_13 = Layout(
     13, t=Field(0, 64, size=8), x=Field(0, 16, byte=8), y=Field(16, 16, byte=8), p=Field(0, 1, byte=12, size=1),
     odd=Odd(0xFE << 56 | 3 << 22, byte=5, size=8),
 )  # fmt: skip
-"""Layout of faery's events. Valid times have their upper two bits clear, and polarities are 0 or 1; the word at byte 5
-contains these bits."""
+"""Layout of faery's events.
+
+`odd` tests the bits that are 0 in each valid event: the upper two bits of the time, and all bits of the polarity but
+the lowest. The word of 8 bytes at byte 5 contains them all."""
 FAERY_8 = Layout(8, t=Field(0, 32), x=Field(0, 16, byte=4), y=Field(17, 15, byte=4), p=Field(16, 1, byte=4))
 
 
@@ -263,10 +267,12 @@ def _faery8(events: Events, size: int) -> Iterator[Any]:
 
 
 _PERIOD_3 = 1 << 24
+"""Time after which the clock of EVT 3.0 wraps, us."""
 _BEAT = 1 << 22
-"""Longest time between two TIME_HIGH that the encoder sends, us, so that a receiver counts all wraps."""
+"""Longest time between two TIME_HIGH words of the encoder, us. `_BEAT` is shorter than `_PERIOD_3`, so that a receiver
+counts every wrap of the clock."""
 _LONGEST = 1 << 32
-"""Longest silence, us. A longer silence would need too many TIME_HIGH."""
+"""Longest silence, us. A longer silence would need too many TIME_HIGH words."""
 _EVENT_BYTES = 8
 """Largest size of an event of `encode3`, bytes: time (two words), row and column."""
 
@@ -298,18 +304,18 @@ def _evt3() -> Encoder:
 
 AESTREAM = 512
 """Size limit of datagrams for aestream, bytes; aestream reads only the first 512 bytes of a datagram."""
-_32 = 1 << 32
+_PERIOD_32 = 1 << 32
 
 CODINGS = {
     coding.name: coding
     for coding in (
         Coding(
             "spif", "SPIF, words of 32 bits, with times or without; sent without",
-            partial(_LayoutDecoder, SPIF, 4), lambda: partial(_spif, timed=False), _32, 1 << 15, AESTREAM,
+            partial(_LayoutDecoder, SPIF, 4), lambda: partial(_spif, timed=False), _PERIOD_32, 1 << 15, AESTREAM,
         ),
         Coding(
             "spif-timed", "SPIF, sent with times: two words of 32 bits",
-            partial(_LayoutDecoder, SPIF, 4), lambda: partial(_spif, timed=True), _32, 1 << 15, AESTREAM,
+            partial(_LayoutDecoder, SPIF, 4), lambda: partial(_spif, timed=True), _PERIOD_32, 1 << 15, AESTREAM,
         ),
         Coding(
             "faery13", "faery's t64_x16_y16_on8, 13 bytes",
@@ -317,7 +323,7 @@ CODINGS = {
         ),
         Coding(
             "faery8", "faery's t32_x16_y15_on1, 8 bytes",
-            partial(_LayoutDecoder, FAERY_8, 8), lambda: _faery8, _32, 1 << 15,
+            partial(_LayoutDecoder, FAERY_8, 8), lambda: _faery8, _PERIOD_32, 1 << 15,
         ),
         Coding("raw-evt3", "Prophesee's EVT 3.0, words of 16 bits", _Evt3, _evt3, 0, 1 << 11),
     )
@@ -363,12 +369,15 @@ def _receive_exactly(sock: socket.socket, count: int, url: str) -> bytes:
 
 
 class PacketDecoder:
-    """Decoder of the bytes of connections as they arrive; see `neuro.events.streams._codings.Decoder`.
+    """Decoder of the packets of TCP connections, called as `neuro.events.streams._codings.Decoder`.
+
+    An entry is a received piece of a connection, and may begin or end within a packet. An entry of no bytes marks the
+    end of a connection.
 
     Args:
         compression: compression of the packets, from the header.
         number: number of the stream of events.
-        on_damage: called at bytes that are not packets. The rest of the connection is skipped.
+        on_damage: called if the bytes are not valid packets. The rest of the connection is skipped.
     """
 
     def __init__(self, compression: str, number: int, on_damage: Callable[[], None]) -> None:
@@ -384,7 +393,7 @@ class PacketDecoder:
         for entry in range(first, last):
             row, n_parts = index[entry % len(index)], len(parts)
             start, size = row[[kernels.START, kernels.SIZE]].tolist()
-            if not size:
+            if not size:  # the connection ended; bytes that remain are an incomplete packet
                 damaged += bool(self._buffer)
                 self._buffer.clear()
                 self._skips_rest = False

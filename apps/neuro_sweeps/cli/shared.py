@@ -30,7 +30,7 @@ Pictures = Annotated[
 
 
 class Texts(NamedTuple):
-    """Help texts and functions in which the commands of a sweep and of a search differ.
+    """Help texts and functions for the commands of one group: `neuro sweep` or `neuro tune`.
 
     Attributes:
         what: "sweep" or "search".
@@ -38,7 +38,7 @@ class Texts(NamedTuple):
         run, status, page: help of these commands.
         share: help of the option --share.
         table_of: function that returns the table in a folder.
-        title: function that returns the text of the status before the numbers of runs.
+        title: function that returns the description of a table; `status` prints it before the counts of runs.
         details: function that prints the best trials and the errors of a table.
     """
 
