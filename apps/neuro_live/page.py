@@ -40,7 +40,7 @@ KEPT_MS = 500.0
 BESIDE_S = 0.05
 """Interval between two checks for results of slow computations, s."""
 SEEN_S = 1.0
-"""Time after the last request for a frame for which a browser counts as watching, s."""
+"""Time for which a browser counts as watching after its last request for a frame, s."""
 SLOW_S = 0.25
 """Shortest interval between two slow updates, s of the run."""
 PRICE_S = 1.0
@@ -107,10 +107,12 @@ class Page:
         host, port = check(HOST, host, "host"), check(PORT, port, "port")
         self.pace = None if speed is None else Pace(check(SPEED, speed, "speed"))
         self.restart, self._figures = restart, figures
-        # Times of the clock, and times of the run (see `_run_time_s`), at which something is due, s.
+        # Times of the clock, s: when an update is due, and until when a browser counts as watching.
         self._due = self._sample_due = self._price_due = self._beside_due = self._seen_until = 0.0
+        # Times of the run, s (see `_run_time_s`): when an update is due.
         self._frame_due = self._slow_due = self._sample_run_due = 0.0
         self._waited = 0.0
+        # `_ahead`: whether the last call of `tick` waited, because the run was ahead of its speed.
         self._frame_wanted = self._has_new_browser = self._ahead = self._stopped = False
         self._last_frame_s = 0.0
         self._measured = (time.perf_counter(), sim.time)
@@ -232,7 +234,11 @@ class Page:
             self.sim.forget(self.sim.time - KEPT_MS)
 
     def _parts(self, ms: float) -> Iterator[float]:
-        """Divide a piece of the run, in ms, for samples of a watched state every `WATCH_MS` if the run is ahead."""
+        """Yield the lengths of the parts of a piece of the run of `ms`.
+
+        A part lasts `WATCH_MS` if a browser watches a state and the run is ahead of its speed: the state is sampled
+        after each part. Otherwise the piece is one part.
+        """
         clock = Clock(self.sim.program.resolution)
         steps = clock.step(ms, "run")
         is_watched = bool(self.frames.watched) and self._ahead and time.perf_counter() < self._seen_until
@@ -404,7 +410,7 @@ class Page:
         self._slow_due = used + max(SLOW_S, (time.thread_time() - start) / SLOW_SHARE)
 
     def _show_result(self, job: dict[str, Any], result: Any) -> None:
-        """Send the result of a slow computation; a text is its error."""
+        """Send the result of a slow computation. A result of type str is the message of an error."""
         if job["do"] == "price":
             if isinstance(result, str):
                 self.helper.refused = result

@@ -1,4 +1,4 @@
-"""Replays of recorded calls of SpiNNaker's programs for plastic synapses."""
+"""Replay of events that SpiNNaker's programs for plastic synapses processed, for a comparison with their states."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from neuro.program.program import Ints
 from neuro_chip.deferred import Deferred
 
 SLOT = 65535
+"""Largest content of a slot of the ring, which has 16 bits."""
 _NOT_NUMBERS = ("dt", "rule", "weight_dependence", "neuromodulation", "backprop_delay")
 
 
@@ -20,8 +21,9 @@ def replay(case: Mapping[str, Any], events: NDArray[Any]) -> dict[str, NDArray[A
     """Return the state after every event of a case.
 
     Args:
-        case: parameters, rows and shifts of a core.
-        events: kind (0: packet of a row, 1: spike of a post neuron), row or neuron, tick and lateness, (events, 4).
+        case: a recorded core: parameters of the rule, rows of synapses, and the shifts of the receptors.
+        events: (events, 4): kind (0: packet of a row, 1: spike of a post neuron), row or neuron, tick, and lateness of a
+            packet in ticks.
 
     Returns:
         weights, eligibility, pre, post, marks and counters by event, and `ring`: the amounts that each event has added
@@ -36,15 +38,15 @@ def replay(case: Mapping[str, Any], events: NDArray[Any]) -> dict[str, NDArray[A
     )
     plastic = [row if row["kind"] == "stdp" else {"post": []} for row in rows]
     ends = np.concatenate(([0], np.cumsum([len(row["post"]) for row in plastic]))).astype(np.int64)
-    post, delay, kind, w0 = (
+    post, delay, receptor, w0 = (
         np.array([value for row in plastic for value in row.get(name, ())]) for name in ("post", "delay", "type", "w0")
     )
-    stored, shifts = (delay % slots).astype(np.int64), np.array(case["shifts"], dtype=np.int64)[kind]
+    delays, shifts = (delay % slots).astype(np.int64), np.array(case["shifts"], dtype=np.int64)[receptor]
     mantissas = np.rint(np.abs(w0) * 2.0 ** (15 - shifts)).astype(np.int64)
-    acting = stored if params.get("backprop_delay", True) else np.zeros_like(stored)
-    part = Deferred(rule, ends, post.astype(np.int32), n, mantissas, acting, stored > 0, shifts)
+    post_delays = delays if params.get("backprop_delay", True) else np.zeros_like(delays)
+    part = Deferred(rule, ends, post.astype(np.int32), n, mantissas, post_delays, delays > 0, shifts)
     bits = max(1, (n - 1).bit_length())
-    below = (kind << bits | post).astype(np.int64)
+    low_bits = (receptor << bits | post).astype(np.int64)  # a slot's index has the time above these bits
     skipped = saturated = 0
     ring: list[tuple[int, int, int]] = []
     states: dict[str, list[Any]] = {name: [] for name in _STATES}
@@ -52,12 +54,12 @@ def replay(case: Mapping[str, Any], events: NDArray[Any]) -> dict[str, NDArray[A
         if is_spike:
             part.spike(np.array([unit]), t)
         elif rows[unit]["kind"] == "stdp":
-            unit_events, emitted = slice(ends[unit], ends[unit + 1]), t - lateness
+            synapses, emitted = slice(ends[unit], ends[unit + 1]), t - lateness
             part.packets(np.array([unit]), emitted)
-            arrives = stored[unit_events] > lateness
-            place = ((emitted + stored[unit_events]) % slots << bits + 1 | below[unit_events])[arrives]
+            arrives = delays[synapses] > lateness
+            indices = ((emitted + delays[synapses]) % slots << bits + 1 | low_bits[synapses])[arrives]
             added: dict[int, int] = {}
-            for slot, word in zip(place.tolist(), part.weights[unit_events][arrives].tolist(), strict=True):
+            for slot, word in zip(indices.tolist(), part.weights[synapses][arrives].tolist(), strict=True):
                 saturated += added.get(slot, 0) + word > SLOT
                 added[slot] = min(added.get(slot, 0) + word, SLOT)
             skipped += int(np.count_nonzero(~arrives))

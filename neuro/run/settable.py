@@ -30,7 +30,9 @@ Chosen = NDArray[np.bool_] | Ints
 """Some synapses of a projection: a mask over all synapses, or indices in a chosen order."""
 _WEIGHT = Quantity(arrays=True)
 _FIXED = ("deliver_interval",)
+"""Parameters of synapse models that are fixed once compiled."""
 _RANGE = ("d_min", "d_max")
+"""Bounds of rules that change delays; these rules keep them fixed too."""
 _DRAWN = "weights are drawn when connections are made: net.connect(..., weight=...)"
 _PAIRS = (("V_th", "V_reset"), ("V_peak", "V_reset"), ("std", "std_mod"), ("rate", "amplitude"))
 _PARTNERS = (*_PAIRS, *((second, first) for first, second in _PAIRS))
@@ -109,7 +111,7 @@ def quantity_of(part: Population, word: str) -> Quantity | None:
 def _one_or_each(
     quantity: Quantity, value: Any, shape: tuple[int, ...], label: str, key: tuple[int, str, str]
 ) -> Floats:
-    """Return values of neurons of a shape, as an array (1,) or (size,)."""
+    """Check a value, and convert it for the neurons of a shape: (1,) for one value for all neurons, else (size,)."""
     size = math.prod(shape)
     if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (size,) and _inside(quantity, value):
         return value
@@ -123,7 +125,7 @@ def _one_or_each(
 
 
 def _inside(quantity: Quantity, array: Floats) -> bool:
-    """Return whether all values of an array are finite and within the bounds. After False, a slower check decides."""
+    """Return whether all values of an array are certainly valid. Values that are not are checked again by `check`."""
     low, high = array.min(), array.max()
     finite = low > -np.inf and high < np.inf
     return bool(finite and all(holds(low, bound) and holds(high, bound) for _, bound, holds in quantity.bounds))
@@ -228,7 +230,12 @@ def _no_parameter(part: Projection, rule: Synapse, word: str, names: list[str]) 
 
 
 def rule_of(rule: Synapse, vector: Floats) -> Synapse:
-    """Return a synapse model with the parameters of a vector, or of one vector per synapse."""
+    """Return a synapse model with new values of its numbers.
+
+    Args:
+        rule: the synapse model.
+        vector: values in the order of `rule.numbers()`: (numbers,) for all synapses, or (synapses, numbers).
+    """
     kinds = {word_of(entry.name): entry for entry in fields(rule)}
     convert = {"boolean": bool, "integer": int}
     changed: dict[str, Any] = {}
@@ -273,7 +280,7 @@ def new_weights(
             f"weights of '{part.name}': an array of shape {list(array.shape)}: "
             f"expected {' or '.join(str(list(s)) for s in reversed(shapes))}"
         )
-    all_weights = np.broadcast_to(array.reshape(-1), size) + 0.0
+    all_weights = np.broadcast_to(array.reshape(-1), size) + 0.0  # a copy, in which -0.0 is 0.0
     if current is not None:
         present, chosen = current[0].copy(), current[1]
         present[chosen] = all_weights

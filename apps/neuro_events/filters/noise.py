@@ -218,7 +218,7 @@ class ShotNoise(Filter):
         return self._of(events, out)
 
     def _capacity(self, span_us: int, mean_us: float) -> int:
-        """Return the size of the noise arrays: 12 standard deviations above the mean, which is never exceeded."""
+        """Return the size of the noise arrays, which no draw exceeds: the mean number and 12 standard deviations."""
         expected = span_us / mean_us
         if expected > MOST:
             raise FilterError(
@@ -274,8 +274,8 @@ class TARSurfaces(Sieve):
     HATS stores the last events of each cell to sum their decayed influence on a new event. Here one leaky value per
     pixel and polarity holds that sum, and no event is stored. The surface of an event consists of the values of its
     neighbours of the same polarity in the same cell just before the event. The sum of all neighbours' values, plus 1,
-    is TAR's mask and decides whether the event counts. With ``theta`` below 1 the result is HATS with an infinite
-    memory.
+    is TAR's mask: the surface of the event is added to the histograms if the mask exceeds `theta`. With ``theta`` below
+    1 every surface is added, and the result is HATS with an infinite memory.
 
     Attributes:
         tau: decay time constant, s.
@@ -312,9 +312,9 @@ class TARSurfaces(Sieve):
         """Return the averaged surfaces so far. Call before `finish`, which resets them.
 
         Returns:
-            (rows, columns, 2, 2 radius + 1, 2 radius + 1): for each cell, and for OFF and ON, the mean surface of the
-            events of either polarity that passed, by rows and columns relative to the event. 0 for cells without such
-            events.
+            (rows, columns, 2, 2 radius + 1, 2 radius + 1): for each cell, the sums of the surfaces of OFF and of ON
+            events that passed. Both sums are divided by the number of all events that passed in the cell. The last axes
+            are rows and columns relative to the event. Cells in which no event passed have 0.
         """
         _, _, counts, sums = self._state
         averages: npt.NDArray[np.float64] = sums / np.maximum(counts, 1)[:, :, None, None, None]

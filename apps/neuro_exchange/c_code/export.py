@@ -1,4 +1,6 @@
-"""Write a network, in the integers of a chip, as a folder of C: `NAME.c`, `NAME.h`, and a test with a recorded run.
+"""Write a network as a folder of C: `NAME.c`, `NAME.h`, and a test with a recorded run.
+
+The C code computes with the same integers as an emulated chip.
 
 The test compares digests. A digest is the sum of hashes of all numbers and their places, modulo 2^64. Two runs with the
 same digests in all steps have the same spikes and states, up to a chance of 2^-64 per step.
@@ -196,7 +198,10 @@ def save_c(
 
 
 def _compile(net: Network, chip: Chip, settings: dict[str, Any], signals: Any) -> tuple[Simulation, FixedProgram]:
-    """Compile and quantise a network. Values of signals are removed: they only set the scale of dopamine."""
+    """Compile and quantise a network without the values of its signals.
+
+    A program in C gets signals from its caller, so values in the network determine only the scale of dopamine.
+    """
     options: dict[str, Any] = {} if signals is None else {"signals": signals}
     sim = compile(net, **settings, **options)
     fixed, program = quantise(sim.program, chip, **options), sim.program
@@ -228,7 +233,7 @@ def _check_given(given: InputSpikes | None, signals: Mapping[str, Dopamine]) -> 
 
 
 def _check_rewards(name: str, rewards: Any, signal: Dopamine) -> tuple[Ints, Ints]:
-    """Return the steps after which a signal is set, in order, and integers for its neurons, (steps, neurons)."""
+    """Check rewards, and return them as in `Rewards`: sorted steps, and integers of shape (steps, neurons)."""
     try:
         steps, values = (np.asarray(array, dtype=np.float64) for array in rewards)
         array = np.broadcast_to(values[:, None] if values.ndim == 1 else values, (steps.size, signal.size))
@@ -317,7 +322,8 @@ InputSpikes = Mapping[str, Sequence[Ints]]
 """Spikes by input: arrays of steps (from 1), of neurons, and of payloads if the input has payloads."""
 
 Rewards = Mapping[str, tuple[Ints, Ints]]
-"""By signal, the steps after which it is set, and integers for its neurons, shape (steps, neurons)."""
+"""Values of each signal by its name: the steps after which the signal is set, and the values of its neurons, as integers
+of shape (steps, neurons)."""
 
 Words = NDArray[np.uint64]
 

@@ -111,7 +111,7 @@ CELLS = (
         fixed={"C_m": 200.0, "t_ref": 1.0, "E_ex": 0.0},
     ),
 )
-"""Cells of neurons. Of two cells with the same model, the first is written."""
+"""Cells of neurons. If two cells have the same model, a written script uses the first cell, e.g. IF_cond_exp."""
 
 BY_NAME = {cell.name: cell for cell in CELLS}
 BY_MODEL = {cell.model: cell for cell in reversed(CELLS)}
@@ -129,7 +129,10 @@ SPIKES, RATE, SEED = 200, 20.0, 0
 
 
 def difference(U: float, tau_rec: float, tau_fac: float, tau_syn: float) -> str:
-    """Describe the difference in short-term plasticity, measured with random spikes. Times are in ms."""
+    """Describe how short-term plasticity differs between neuro and PyNN's simulators, measured with random spikes.
+
+    Times are in ms.
+    """
     intervals = np.random.default_rng(SEED).exponential(1000.0 / RATE, SPIKES)
     here_effects, pynn_effects = effects(intervals.tolist(), U, tau_rec, tau_fac, tau_syn)
     percent = 100.0 * np.abs(here_effects - pynn_effects).sum() / pynn_effects.sum() if pynn_effects.any() else 0.0
