@@ -20,7 +20,7 @@ AT_BOUND = 0.9
 NEAR = 0.05
 """Distance from a bound that counts as at the bound, as a share of the distance between both bounds."""
 AT_ONE = 0.25
-"""Share of weights at one bound after a short run that is a warning, if fewer than a third as many were there at first."""
+"""Share of weights at one bound after a short run that is a warning, if less than a third of this share began there."""
 AT_BOTH, SPREAD, QUICK_MS = 0.3, 2.0, 5000.0
 """Limits of the finding that weights divide between the bounds too fast: least share of weights at the bounds, least
 growth of their standard deviation, longest run in ms."""

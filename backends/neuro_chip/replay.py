@@ -22,8 +22,8 @@ def replay(case: Mapping[str, Any], events: NDArray[Any]) -> dict[str, NDArray[A
 
     Args:
         case: a recorded core: parameters of the rule, rows of synapses, and the shifts of the receptors.
-        events: (events, 4): kind (0: packet of a row, 1: spike of a post neuron), row or neuron, tick, and lateness of a
-            packet in ticks.
+        events: (events, 4): kind (0: packet of a row, 1: spike of a post neuron), row or neuron, tick, and lateness
+            of a packet in ticks.
 
     Returns:
         weights, eligibility, pre, post, marks and counters by event, and `ring`: the amounts that each event has added

@@ -83,14 +83,16 @@ def bounds(sign_mode: str, bits: int = 8) -> tuple[int, int, int]:
 
 
 COMFORT = 2.0**21
-"""Largest threshold of an automatic scale: the limit of the input of a step, and a quarter of the limit of u."""
+"""Largest threshold of an automatic scale, in units of v. The input of one step can be as large as this threshold, and u
+four times as large, before they wrap."""
 
 FINE = 2.0**17
-"""Smallest threshold of an automatic scale: 2,048 steps of 64 units."""
+"""Smallest threshold of an automatic scale, in units of v: 2,048 times the step of a weight, which is 64."""
 
 BIAS_LARGEST = BIAS_MANTISSA << BIAS_EXPONENT
 SPARE = 1.0 - 2.0**-7
-"""Margin for the rounding of the largest word, and of a bias that is the sum of two mantissas."""
+"""Share of a limit that an automatic scale uses. The rest allows for rounding up: of the largest word, and of the two
+mantissas whose sum is the bias."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +110,8 @@ class InMillivolts:
         drift: mV per step and pA of constant current.
         bias: mV per step from the constant current.
         start: V_m - E_L in mV at step 0.
-        current: mV per step from the synaptic current at step 0, extrapolated one step back.
+        current: mV per step from the synaptic current at step 0. If input acts a step late (`acts_late`), the current is
+            divided by `fade`, which gives its value one step earlier.
         tau: the parameter that determines `fade`, "" for delta input.
     """
 
@@ -138,7 +141,7 @@ def in_millivolts(inputs: Inputs) -> InMillivolts:
 
         tau = "tau_syn_in" if only_inhibitory(inputs) else "tau_syn_ex"
         gain, fade = (c[:, P32_IN], c[:, P11_IN]) if tau == "tau_syn_in" else (c[:, P32_EX], c[:, P11_EX])
-        gain = np.where(np.isfinite(gain) & (gain > 0.0), gain, 1.0)  # true for all accepted time constants
+        gain = np.where(np.isfinite(gain) & (gain > 0.0), gain, 1.0)  # no accepted time constant gives 1.0
         current = (part.initial["I_syn_ex"] + part.initial["I_syn_in"]) * gain
         current = current / fade if acts_late(part.model) else current
     drift = c[:, P30]
@@ -163,7 +166,10 @@ def only_inhibitory(inputs: Inputs) -> bool:
 
 
 def scale_limits(mv: InMillivolts) -> tuple[float, float]:
-    """Return the largest scale with a margin for input, and the largest scale that threshold, bias and states allow."""
+    """Return two upper bounds of the scale: one for a threshold of at most `COMFORT`, and one for the threshold register.
+
+    At both scales the bias and the initial states fit into their registers.
+    """
     limits = ((BIAS_LARGEST * SPARE, mv.drive), (V_LIMIT, mv.start), (U_LIMIT - 1, mv.current))
     state_limits = min(limit / _largest(values) for limit, values in limits)
     distance = _largest(mv.distance)
@@ -200,10 +206,10 @@ def _largest(values: Floats) -> float:
 def choose_scale(inputs: Inputs, mv: InMillivolts) -> float:
     """Return the scale in units per mV with the smallest rounding errors of the weights.
 
-    The scale is as large as threshold, bias and weights allow. Candidates give the largest weight of the strongest
-    projection a mantissa of 129..256. A factor of two changes no mantissa, so the largest allowed power is used. If
-    weights learn from spike pairs, the upper bound of learning gets the largest mantissa, so that the chip has the same
-    bound. If two scales have equal errors, the scale without wrapped sums is used.
+    Each candidate gives the largest weight of the strongest projection a mantissa from 129 to 256. Doubling a scale
+    changes no mantissa, so each candidate is doubled as long as threshold, bias and weights fit. If weights learn from
+    spike pairs, the upper bound of learning gets the largest mantissa, so that the chip has the same bound. If a smaller
+    scale at which no sum wraps has the same error, it is used.
     """
     cap, limit = scale_limits(mv)
     values = [(index, sampled(potential_changes(inputs, index, mv, few=True))) for index in inputs.spikes]
@@ -223,21 +229,22 @@ def choose_scale(inputs: Inputs, mv: InMillivolts) -> float:
 
 
 def _search(
-    inputs: Inputs, mv: InMillivolts, values: list[tuple[int, Floats]], cap: float, hard: float, room: float
+    inputs: Inputs, mv: InMillivolts, values: list[tuple[int, Floats]], cap: float, limit: float, safe: float
 ) -> tuple[float, float]:
-    """Return the best scale up to `cap`, or up to `hard` if there is none, and its rounding error of the weights.
+    """Return the scale with the smallest rounding error of the weights, and this error.
 
-    Ties are broken by the error of the constant drive and the threshold, then by size: the largest scale up to `room`
-    wins, or the smallest scale if all exceed `room`.
+    A candidate up to `cap` is doubled as long as it does not exceed `cap`. A candidate above `cap` keeps exponent 0, or
+    is halved until it does not exceed `limit`. Ties are broken by the error of the constant drive and the threshold,
+    then by size: the largest scale up to `safe` wins, or the smallest scale if all exceed `safe`.
     """
     pairs = [inputs.program.projections[index].synapse.learns == "pairs" for index, _ in values]
     plastic = [item for item, learns in zip(values, pairs, strict=True) if learns and inputs.learns(item[0])]
     peak = max(_largest(v) for _, v in plastic or values)
     mantissas = np.array([255.0]) if plastic else np.arange(256.0, 128.0, -1.0)
     base = 64.0 * mantissas / peak  # scale at exponent 0
-    bound = np.where(base > cap, np.minimum(base, hard), cap)
+    bound = np.where(base > cap, np.minimum(base, limit), cap)
     scales = base * 2.0 ** np.floor(np.log2(bound / base) + 1e-12)
-    scales = scales[scales <= hard * (1.0 + 1e-12)]
+    scales = scales[scales <= limit * (1.0 + 1e-12)]
     errors = np.zeros(scales.size)
     for index, v in values:
         low, high, grain = bounds(inputs.sign_mode(index))
@@ -247,23 +254,23 @@ def _search(
     ties = scales[errors <= smallest_error * (1.0 + 1e-9)]
     misfit = _misfit(ties, mv)
     best = ties[misfit <= misfit.min()]
-    roomy = best[best <= room]
-    return float(roomy.max() if roomy.size else best.min()), smallest_error
+    without_wrap = best[best <= safe]
+    return float(without_wrap.max() if without_wrap.size else best.min()), smallest_error
 
 
-def _misfit(volts: Floats, mv: InMillivolts) -> Floats:
-    """Return the relative rounding error of the constant drive and of the threshold at some scales.
+def _misfit(scales: Floats, mv: InMillivolts) -> Floats:
+    """Return the relative rounding error of the constant drive and of the threshold, for each scale (units per mV).
 
     The error is only computed for neurons without a leak. With a leak the decay is rounded in each step anyway, and all
     scales are treated as equal.
     """
     if np.any(mv.leak < 1.0):
-        return np.zeros(volts.size)
-    drive = volts[:, None] * mv.bias[None, :]
+        return np.zeros(scales.size)
+    drive = scales[:, None] * mv.bias[None, :]
     largest = np.maximum(np.abs(drive).max(axis=1, keepdims=True, initial=0.0), 1.0)
     grain = 2.0 ** np.maximum(0.0, np.ceil(np.log2(largest / BIAS_MANTISSA)))
     errors: Floats = np.abs(np.rint(drive / grain) * grain - drive).max(axis=1, initial=0.0) / largest[:, 0]
-    steps = volts[:, None] * mv.distance[None, :] / 64.0
+    steps = scales[:, None] * mv.distance[None, :] / 64.0
     errors += (np.abs(np.rint(steps) - steps) / np.maximum(steps, 1.0)).max(axis=1)
     errors[errors < 1e-12] = 0.0
     return errors
@@ -289,16 +296,19 @@ def potential_changes(inputs: Inputs, index: int, mv: InMillivolts, few: bool = 
 
 
 def exponent_of(values: Floats, scale: float, low: int, high: int, plastic: bool) -> int:
-    """Return the smallest exponent at which all values fit. Only plastic weights, with finer steps, get less than 0."""
-    round_up = float(values.max(initial=0.0)) * scale / 64.0 / max(high, 1)
-    round_down = float(-values.min(initial=0.0)) * scale / 64.0 / max(-low, 1)
-    need = max(round_up, round_down)
+    """Return the smallest exponent at which all values fit.
+
+    Only plastic weights get exponents below 0, which resolve smaller changes of a weight.
+    """
+    need_above = float(values.max(initial=0.0)) * scale / 64.0 / max(high, 1)
+    need_below = float(-values.min(initial=0.0)) * scale / 64.0 / max(-low, 1)
+    need = max(need_above, need_below)
     exponent = int(np.ceil(np.log2(need) - 1e-9)) if need > 0.0 else 0
     return int(np.clip(exponent, WEIGHT_EXPONENTS[0] if plastic else 0, WEIGHT_EXPONENTS[-1]))
 
 
 def registers_of(inputs: Inputs, mv: InMillivolts, volt: float) -> tuple[dict[str, Ints], tuple[Rounding, ...]]:
-    """Return all registers of the compartments, and their rounding errors."""
+    """Return all registers of the compartments, and their rounding errors. `volt` is the scale in units per mV."""
     p, h = inputs.part.parameters, inputs.program.resolution
     vth = threshold(volt * mv.distance)
     du = np.full(1, 4095) if not mv.tau else np.rint(4096.0 * (1.0 - mv.fade)).astype(np.int64) - 1

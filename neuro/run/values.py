@@ -84,7 +84,7 @@ class SynapseValues:
         return self._handles.ends(index)
 
     def chosen(self, index: int, of: Any, pre: Side, post: Side, *, at_least_one: bool = False) -> Chosen | None:
-        """Return the synapses of some pairs of neurons, or from some neurons to some neurons; None for all.
+        """Choose synapses by pairs of neurons, or by their source and target neurons. Return None if no argument chooses.
 
         Args:
             index: index of the projection.
@@ -114,7 +114,9 @@ class SynapseValues:
         ends = Ends(part.name, (source.name, target.name), (source.size, target.size), *self.ends(index))
         return places_of_pairs(ends, of)
 
-    def _between(self, part: Projection, index: int, pre: Side, post: Side, some: bool) -> NDArray[np.bool_] | None:
+    def _between(
+        self, part: Projection, index: int, pre: Side, post: Side, at_least_one: bool
+    ) -> NDArray[np.bool_] | None:
         mask: NDArray[np.bool_] | None = None
         selections = []
         sides = (("pre", "from", pre, part.source), ("post", "to", post, part.target))
@@ -129,7 +131,7 @@ class SynapseValues:
             if neurons.ids is not None:
                 is_selected = neurons.mask()[ids]
                 mask = is_selected if mask is None else mask & is_selected
-        if some and mask is not None and not mask.any():
+        if at_least_one and mask is not None and not mask.any():
             message = f"none of the {part.size:,} synapses of '{part.name}' goes {' '.join(selections)}"
             raise ModelError(f"{message}: expected at least one")
         return mask
@@ -168,7 +170,7 @@ class SynapseValues:
 
         Args:
             index: index of the projection.
-            values: `weight` alone; or states of a rule that learns by moves, without other names; or parameters.
+            values: either `weight` alone, or only states (of a rule that learns by moves), or only parameters.
             chosen: the synapses to change, None for all.
 
         Raises:

@@ -322,8 +322,8 @@ InputSpikes = Mapping[str, Sequence[Ints]]
 """Spikes by input: arrays of steps (from 1), of neurons, and of payloads if the input has payloads."""
 
 Rewards = Mapping[str, tuple[Ints, Ints]]
-"""Values of each signal by its name: the steps after which the signal is set, and the values of its neurons, as integers
-of shape (steps, neurons)."""
+"""Values of each signal by its name: the steps after which the signal is set, and integers for its neurons, shape
+(steps, neurons)."""
 
 Words = NDArray[np.uint64]
 

@@ -123,6 +123,7 @@ def cell_of(node: Node, tool: str, step: float, reset: str | None) -> Cell:
     if rests_at_zero and "v_leak" in node.fields and np.any(node.array("v_leak") != 0.0):
         raise Unsupported(f"v_leak is not 0, which {title} does not have", "read it with from_='nir'")
     cell = convention(node, step)
+    # `how` is 'EQUATION; SPIKE RULE': a reset of the user replaces the text after the semicolon.
     if cell.threshold is not None and reset in ("subtract", "subtract_next"):
         fall = cell.threshold / np.maximum(cell.keep, 1e-9) if reset == "subtract_next" else cell.threshold
         step_text = "in the next step, after the decay" if reset == "subtract_next" else "in the same step"
@@ -175,7 +176,11 @@ def _reset_value(node: Node) -> Floats:
 
 
 def _synaptic(node: Node, lost: Floats, i_lost: Floats, note: str, **words: Any) -> Cell:
-    """Return the cell of CubaLIF or CubaLI. A state loses the share `lost` per step, which is also its gain."""
+    """Return the cell of CubaLIF or CubaLI.
+
+    In a step the potential keeps the share 1 - lost and adds lost * r times the current. The current keeps the share
+    1 - i_lost and adds i_lost * w_in times the input.
+    """
     gain, i_gain = lost * node.array("r"), i_lost * node.array("w_in")
     return Cell(1.0 - lost, words.pop("rest"), gain, note, i_keep=1.0 - i_lost, i_gain=i_gain, **words)
 
@@ -375,15 +380,15 @@ def model_of(cell: Cell, h: float) -> CellModel:
     """
     tau = time_constant(cell.keep, h)
     is_endless = np.isinf(tau)
-    # With this capacity a current of 1 pA adds 1 - keep mV in a step, as in NIR; without a leak it adds 1 mV.
-    capacity, push = np.where(is_endless, h, tau), np.where(is_endless, 1.0, 1.0 - cell.keep)
+    # With this capacity a current of 1 pA adds `per_pa` mV in a step: 1 - keep, as in NIR, or 1 without a leak.
+    capacity, per_pa = np.where(is_endless, h, tau), np.where(is_endless, 1.0, 1.0 - cell.keep)
     parameters = {"tau_m": tau, "C_m": capacity, "t_ref": h * cell.hold, "E_L": cell.rest, **_spike(cell)}
     if cell.lowest is not None:
         parameters["V_min"] = cell.lowest
     initial = {} if cell.start is None or np.all(cell.start == cell.rest) else {"V_m": one_or_all(cell.start)}
-    offset = cell.gain * (0.0 if cell.offset is None else cell.offset) / push
+    offset = cell.gain * (0.0 if cell.offset is None else cell.offset) / per_pa
     if cell.i_keep is None or cell.i_gain is None:
-        return CellModel(_model(iaf_psc_delta, parameters), cell.gain, cell.gain / push, offset, initial)
+        return CellModel(_model(iaf_psc_delta, parameters), cell.gain, cell.gain / per_pa, offset, initial)
     tau_syn = time_constant(cell.i_keep, h)
     if np.any(np.isinf(tau_syn)):
         raise Unsupported("its current never decays, and no model here has such a current", "choose a finite tau_syn")
