@@ -1,11 +1,11 @@
 """Sending the spikes of a step to the ring buffers of their targets.
 
-On grids of many maps, the spikes of a step are first summed in arrays with neighbouring maps, and the sums are then
-added to the ring. In the ring the targets of one place in different maps are far apart, so that a single spike would
-write them one by one. With neighbouring maps many targets are added in one run. Sums are sorted by place, then by map,
-for the maps that one channel reaches. Words are sorted in the same way. Within a line of a kernel, words
-are sorted by the place to which a source sends them, so that a whole line is one run. Sums of words do not depend on
-the order, so the bits equal those of spikes sent one by one.
+On a grid with many maps, the spikes of a step are first summed in a separate array, and the sums are then added to the
+ring. In the ring the neurons at one place of different maps are far apart, so that a single spike would write them one
+by one. In the array the sums of a place are neighbours: the sums are sorted by place, then by map, so that a spike adds
+to all maps in one run. The words of the kernels are sorted in the same way. Within a line of a kernel, words are sorted
+by the place to which a source sends them, so that a whole line is one run. Sums of words do not depend on the order, so
+the bits equal those of spikes sent one by one.
 """
 
 from __future__ import annotations
@@ -28,7 +28,10 @@ FULL_SLOT = np.int32(65536)
 
 @subkernel
 def add(ring, place, below, word, times, capped):
-    """Add a word to a slot; if slots saturate, add a negative word to the slot of the inhibitory receptor."""
+    """Add a word to a slot; if slots saturate, add a negative word to the slot of the inhibitory receptor.
+
+    `below` is the distance from a slot to the slot of the inhibitory receptor.
+    """
     # numba widens products of 32 bits to 64, but the register wraps at 32.
     amount = np.int32(word * times)
     if not capped:
@@ -49,7 +52,7 @@ def send(net, q, i, times, step):
     mask = target[t.SLOTS] - 1  # the number of slots exceeds the longest lag, so no slot is written before it is read
     below = target[t.SLOTS] * n
     capped = target[t.RECEPTORS] == 2
-    plane = row[t.PLANE]  # arrivals are marked for the population, not for the plane
+    plane = row[t.PLANE]  # offset in the ring; `arrived` has no planes
     if row[t.LAYOUT] == t.DENSE:
         slot = (step + net.lags[row[t.LAG]]) & mask
         begin = target[t.RING] + plane + slot * n
@@ -70,7 +73,7 @@ def send(net, q, i, times, step):
             if row[t.POSITIVE]:
                 send_capped(slots, words, np.int32(times))
             if row[t.NEGATIVE]:
-                # Multiplied by -1, words of the other sign become negative and are clipped to 0.
+                # With negative `times` excitatory words become negative, and are clipped to 0.
                 send_capped(net.ring[begin + below : begin + below + n], words, np.int32(-times))
     elif row[t.LAYOUT] == t.CSR:
         first, last = net.rows[row[t.ROW] + i], net.rows[row[t.ROW] + i + 1]
@@ -145,7 +148,8 @@ def send_grid(net, row, target, i, times, step, below, capped):
     first = channel // row[t.DEPTH] * row[t.REACH]  # the first map that the channel reaches
     y, x = position // row[t.CHANNEL_WIDTH] + row[t.TOP], position % row[t.CHANNEL_WIDTH] + row[t.LEFT]
     height, width, stride = row[t.KERNEL_HEIGHT], row[t.KERNEL_WIDTH], row[t.STRIDE]
-    # the first and the last place whose kernel covers the line: ceil((y - height + 1) / stride) and y / stride
+    # First and last row and column of the places whose kernels cover (y, x), e.g. rows ceil((y - height + 1) / stride)
+    # to floor(y / stride).
     r_first, r_last = max(0, -((height - 1 - y) // stride)), min(row[t.ROWS] - 1, y // stride)
     c_first, c_last = max(0, -((width - 1 - x) // stride)), min(row[t.COLUMNS] - 1, x // stride)
     n = target[t.END] - target[t.BEGIN]
@@ -171,8 +175,8 @@ FEWEST = 4
 
 def lay_out(a: dict[str, NDArray[Any]], program: Program) -> None:
     """Add the arrays for the words of grids, sorted by place and map, and for the sums of a step."""
-    # Several spikes of a step reach the same places of a grid. Each is first added in a run, with the maps innermost.
-    # The sums are then written once to the slots, which are sorted by map like ids.
+    # Several spikes of a step reach the same places of a grid. `gather` adds each spike to sums that are sorted by
+    # place, then by map. `pour` adds each sum once to its slot; slots are sorted by map, then by place, like ids.
     kernels = places = marks = 0
     for row, part in zip(a["projections"], program.projections, strict=True):
         row[t.GATHER] = t.NONE
@@ -189,7 +193,7 @@ def lay_out(a: dict[str, NDArray[Any]], program: Program) -> None:
 
 
 def places(grid: Grid) -> Ints:
-    """Return the positions of one map's weights among the words that `gather` adds, shape (depth x height x width,)."""
+    """Return the index of each weight of a map among the sorted words that `gather` adds, (depth x height x width,)."""
     _, depth, height, width = grid.kernels
     # A source reaches neighbouring places by every stride-th column of the kernel, from right to left. Example: with
     # width 5 and stride 2 by columns 4, 2, 0 or 3, 1. The words are stored in this order.
@@ -253,7 +257,7 @@ def may_gather(net, row, capped):
 
 @subkernel
 def covering(at, kernel, stride, places):
-    """Return the first place whose kernel covers a line of the source, and the end of such places."""
+    """Return the first and the end of the places whose kernels cover position `at` of the source, along one axis."""
     return max(0, -((kernel - 1 - at) // stride)), min(places, at // stride + 1)
 
 
@@ -322,10 +326,11 @@ def pour(net, row, target, box, step, below, capped):
     slot = (step + net.lags[row[t.LAG]]) & (target[t.SLOTS] - 1)
     base = target[t.RING] + slot * sheet * row[t.MAPS]
     net.came[target[t.ARRIVED] + slot] = 1
-    clears_block = 2 * (right - left) >= columns  # sums between the lines of the box are 0
-    spans = 1 if clears_block else bottom - top
-    # If the box is at least half as wide as the grid, one long run with zeros is faster than many short runs.
-    run = right - left + (bottom - top - 1) * columns if clears_block else right - left
+    # If the box is at least half as wide as the grid, one long run is faster than many short runs. The long run includes
+    # sums beside the box, which are 0.
+    is_one_run = 2 * (right - left) >= columns
+    spans = 1 if is_one_run else bottom - top
+    run = right - left + (bottom - top - 1) * columns if is_one_run else right - left
     for span in range(spans):
         first = (top + span) * columns + left
         for group in range(row[t.MAPS] // reach):

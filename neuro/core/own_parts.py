@@ -29,7 +29,7 @@ def check_functions(label: str, model: type[Any], functions: Mapping[str, int]) 
 
 
 def fill(label: str, model: type[Any], p: Any, c: Any) -> None:
-    """Compute the constants of a model for a step of 0.1 ms.
+    """Check that the constants of a model fit into an array, by computing them for a step of 0.1 ms.
 
     Args:
         label: name of the model in messages.
@@ -61,9 +61,9 @@ def check_method(part: type[T], base: type[Any], name: str, purpose: str) -> typ
     Raises:
         TypeError: the method is missing, or has other arguments.
     """
-    overriding, method, message = getattr(base, name), getattr(part, name), f"{base.kind} '{part.__name__}'"
-    expected = overriding.__code__.co_varnames[: overriding.__code__.co_argcount]
-    if method is overriding:
+    base_method, method, message = getattr(base, name), getattr(part, name), f"{base.kind} '{part.__name__}'"
+    expected = base_method.__code__.co_varnames[: base_method.__code__.co_argcount]
+    if method is base_method:
         raise TypeError(f"{message} has no method '{name}', which {purpose}")
     arguments = method.__code__.co_argcount
     if arguments != len(expected):

@@ -19,13 +19,13 @@ def wrong(q: Quantity, value: Any, label: str, *index: int) -> ModelError:
     """Return the error for a value, or for its element at `index`, that a quantity does not accept."""
     name = f"{label}[{', '.join(map(str, index))}]" if index else label
     assignment = f"{name} has no value" if value is None else f"{name} = {shown(value)}"
-    expected = _with_exceeded(q, value).expected()
+    expected = _with_exceeded_bound(q, value).expected()
     if isinstance(value, float) and not math.isfinite(value):
         expected = expected.replace("a number", "a finite number", 1)
     return ModelError(f"{assignment}: expected {expected}", hint=_hint(q, value), path=tuple(map(str, index)))
 
 
-def _with_exceeded(q: Quantity, value: Any) -> Quantity:
+def _with_exceeded_bound(q: Quantity, value: Any) -> Quantity:
     """Add the bound of whole numbers to a quantity if the value exceeds it and the quantity has no own bound there."""
     if q.kind in ("integer", "shape", "ids") and is_number(value):
         if q.at_most is None and value > LARGEST:

@@ -36,7 +36,8 @@ def places_of_pairs(ends: Ends, of: Any) -> Ints:
     """Return the indices of the synapses between pairs (source, target), in the order of the pairs.
 
     Raises:
-        ModelError: the value is not a list of pairs, or a pair names no neuron, has no synapse or is repeated.
+        ModelError: the value is not a list of pairs, or a pair has an unknown neuron, has no synapse or is
+            repeated.
     """
     pairs = _pairs(of)
     for k, word in enumerate(("source", "target")):
@@ -56,6 +57,7 @@ def places_of_pairs(ends: Ends, of: Any) -> Ints:
         raise ModelError(f"of: pair {row}: {message}")
     if np.unique(wanted_keys).size < wanted_keys.size:
         raise ModelError("of: found a pair more than once: expected each once")
+    # The ranges first:end of all pairs, joined, e.g. [4, 5, 9] for 4:6 and 9:10.
     places: Ints = np.arange(multiplicity.sum()) + np.repeat(
         first - np.cumsum(multiplicity) + multiplicity, multiplicity
     )

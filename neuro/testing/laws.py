@@ -169,6 +169,7 @@ CUTS = (1, 33, 5, 121, 1, 1, 238)
 HALVES = (200, 200)
 """Lengths in steps of a run whose parameters change in the middle."""
 Law = Callable[[Start, Subject], tuple[Found, Found]]
+"""Function that runs a network in two ways, and returns both outcomes. The law holds if they are equal."""
 
 
 def networks_law(function: Law) -> Law:
@@ -307,9 +308,10 @@ def counts_follow_from_spikes(start: Start, subject: Subject) -> tuple[Found, Fo
 
 
 def _resumed(start: Start, net: Callable[[], Network], use: Callable[[Simulation], Found]) -> tuple[Found, Found]:
-    """Use a simulation twice, and once more after restoring the state that was saved between two uses.
+    """Use a simulation twice, and compare it with a simulation that is restored between both uses.
 
-    Return all values after the first use with those of the second, and the same from the restored simulation.
+    Return the values after the first use and after the second use ("later: ..."), of the uninterrupted and of the
+    restored simulation.
     """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "state.h5"
