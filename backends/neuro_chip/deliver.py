@@ -193,7 +193,7 @@ def lay_out(a: dict[str, NDArray[Any]], program: Program) -> None:
 
 
 def places(grid: Grid) -> Ints:
-    """Return the index of each weight of a map among the sorted words that `gather` adds, (depth x height x width,)."""
+    """Return the index of each weight of a map among the sorted words that `gather` adds, (depth*height*width,)."""
     _, depth, height, width = grid.kernels
     # A source reaches neighbouring places by every stride-th column of the kernel, from right to left. Example: with
     # width 5 and stride 2 by columns 4, 2, 0 or 3, 1. The words are stored in this order.

@@ -6,9 +6,11 @@ the entries since the last packet, each d ticks after the entry's time, where d 
 Weights are words of 16 bits, and word << shift in s16.15 during an update. Traces and tables are s4.11. Every product
 is rounded down, sums wrap, and only the bounds of a rule are clipped.
 
-With dopamine the rule changes the eligibility c, and the weight changes by K c D (E - 1). The order of the products is
-that of the released programs; their source code has another order. The programs read the marks of dopamine n entries
-too late, where n is the number of entries after the window of a packet, and the kernels reproduce this.
+With dopamine the rule changes the eligibility c, and the weight changes by K c D (E - 1): K is the gain, D the level of
+dopamine, and E the product of the decays of c and D over the elapsed time. The order of the products is
+that of the released programs; their source code has another order. A mark tells whether an entry is
+dopamine. The programs read for entry k the mark of entry k + n, where n is the number of entries that are too new for
+the packet. The kernels reproduce this error.
 
 Source: sPyNNaker 7.4.1 (released machine code).
 """
@@ -52,7 +54,8 @@ NEAREST, TRIPLET, VOGELS, RECURRENT = (TIMINGS.index(name) for name in TIMINGS[1
 ENTRIES = 16
 """Number of entries of a history: a placeholder at tick 0, and 15 events."""
 FAST, SLOW, SPIKE, DOPAMINE, TRACES = range(5)
-"""Columns of an entry: o1 (or the window), o2, the last spike that is not yet in o2, and dopamine."""
+"""Columns of an entry: the fast trace o1 (or the window), the slow trace o2 without its last spike, the tick of that last
+spike, and the level of dopamine."""
 LAST, R1, R2, ROW_COLUMNS = range(4)
 """Columns of a row: the tick of its last packet, its trace (or window) and its slow trace."""
 EVALUATED, CHANGED, UNDELIVERED, MISSED, WRAPPED, OVERFLOWN, SENT, CUT, COUNTS = range(9)
@@ -99,7 +102,7 @@ class Synapses(NamedTuple):
         row_ends: source i has the synapses row_ends[i] : row_ends[i + 1].
         targets: post neuron of each synapse.
         delays: ticks by which entries act later, one per synapse.
-        delivered: whether each synapse delivers spikes, which needs a delay other than the number of slots.
+        delivered: whether each synapse delivers spikes. A synapse whose delay is the number of slots does not.
         shifts: shift of the receptor of each synapse.
         stages: number of times that a delay core holds back the packets of each synapse, each time for as many ticks as
             there are slots.
@@ -146,13 +149,13 @@ def word(x):
 
 @inlined
 def fine(a, b):
-    """Return the s4.11 product."""
+    """Return the product of two numbers in s4.11."""
     return (half(a) * half(b)) >> 11
 
 
 @inlined
 def product(a, b):
-    """Return the s16.15 product."""
+    """Return the product of two numbers in s16.15."""
     return word((a * b) >> 15)
 
 
@@ -248,7 +251,10 @@ def depress(c, w, x, triplet):
 
 @inlined
 def post_step(rule, w, tag, r1, history, j, k, gap, since):
-    """Return w and the accumulator after a post spike, `gap` ticks after the last packet, `since` after an entry."""
+    """Return w and the accumulator after post spike k.
+
+    The spike acts `gap` ticks after the last packet, and `since` ticks after the entry before.
+    """
     c, timing = rule.constants, rule.constants[TIMING]
     if timing == RECURRENT:
         if gap < r1:
@@ -298,7 +304,10 @@ def elapse(rule, w, eligibility, level, ticks):
 
 @subkernel
 def visit(rule, history, synapses, e, t, p, r1, r2, counts):
-    """Update synapse e at tick t; p and r1 belong to the row's last packet, r2 to the present packet."""
+    """Update synapse e for a packet at tick t.
+
+    `p` and `r1` are the tick and the trace of the row's last packet. `r2` is the slow trace at the present packet.
+    """
     c, j, d, shift = rule.constants, synapses.targets[e], synapses.delays[e], synapses.shifts[e]
     taught = c[TAUGHT] != 0
     first, last = max(p - d, 0), max(t - d, 0)
@@ -323,7 +332,7 @@ def visit(rule, history, synapses, e, t, p, r1, r2, counts):
             position, level = u, history.traces[j, k, DOPAMINE]
         if marks & 1 == 0:
             gap, elapsed = u - p, u - history.times[j, k - 1]
-            if taught:
+            if taught:  # the rule changes the eligibility in place of the weight
                 tag, _ = post_step(rule, tag, tag, r1, history, j, k, gap, elapsed)
             else:
                 w, tag = post_step(rule, w, tag, r1, history, j, k, gap, elapsed)

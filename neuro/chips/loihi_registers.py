@@ -83,8 +83,8 @@ def bounds(sign_mode: str, bits: int = 8) -> tuple[int, int, int]:
 
 
 COMFORT = 2.0**21
-"""Largest threshold of an automatic scale, in units of v. The input of one step can be as large as this threshold, and u
-four times as large, before they wrap."""
+"""Largest threshold of an automatic scale, in units of v. Before they wrap, the input of one step can be as large as
+this threshold, and u four times as large."""
 
 FINE = 2.0**17
 """Smallest threshold of an automatic scale, in units of v: 2,048 times the step of a weight, which is 64."""
@@ -110,8 +110,8 @@ class InMillivolts:
         drift: mV per step and pA of constant current.
         bias: mV per step from the constant current.
         start: V_m - E_L in mV at step 0.
-        current: mV per step from the synaptic current at step 0. If input acts a step late (`acts_late`), the current is
-            divided by `fade`, which gives its value one step earlier.
+        current: mV per step from the synaptic current at step 0. If input acts a step late (`acts_late`), the current
+            is divided by `fade`, which gives its value one step earlier.
         tau: the parameter that determines `fade`, "" for delta input.
     """
 
@@ -166,7 +166,7 @@ def only_inhibitory(inputs: Inputs) -> bool:
 
 
 def scale_limits(mv: InMillivolts) -> tuple[float, float]:
-    """Return two upper bounds of the scale: one for a threshold of at most `COMFORT`, and one for the threshold register.
+    """Return two upper bounds of the scale: for a threshold of at most `COMFORT`, and for the threshold register.
 
     At both scales the bias and the initial states fit into their registers.
     """
@@ -208,8 +208,8 @@ def choose_scale(inputs: Inputs, mv: InMillivolts) -> float:
 
     Each candidate gives the largest weight of the strongest projection a mantissa from 129 to 256. Doubling a scale
     changes no mantissa, so each candidate is doubled as long as threshold, bias and weights fit. If weights learn from
-    spike pairs, the upper bound of learning gets the largest mantissa, so that the chip has the same bound. If a smaller
-    scale at which no sum wraps has the same error, it is used.
+    spike pairs, the upper bound of learning gets the largest mantissa, so that the chip has the same bound. A smaller
+    scale at which no sum wraps is preferred if its error is not larger.
     """
     cap, limit = scale_limits(mv)
     values = [(index, sampled(potential_changes(inputs, index, mv, few=True))) for index in inputs.spikes]

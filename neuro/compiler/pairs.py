@@ -34,7 +34,7 @@ def total_number(
     key: int,
     buffer: NDArray[np.int32] | None = None,
 ) -> tuple[Ints, NDArray[np.int32]]:
-    """Draw n synapses, draw k for synapse k; return the row ends of the sources, and the targets.
+    """Draw a pair of neurons for each of n synapses. Return the row ends of the sources, and the targets.
 
     Args:
         n: number of synapses.
@@ -62,7 +62,7 @@ def total_number(
     row_ends = np.searchsorted(places, ends)
     pre = np.repeat(np.arange(n_pre), np.diff(row_ends))
     post = places - ends[pre]
-    if excluded is not None:
+    if excluded is not None:  # targets from the excluded one on have been numbered one too low
         post += (excluded[pre] >= 0) & (post >= excluded[pre])
     return row_ends, post.astype(np.int32)
 
@@ -102,7 +102,7 @@ def synapses_per_block(n: int, pairs: Ints, repeats: bool, rng: np.random.Genera
 
 
 def _integers_below(bound: int, first: int, last: int, key: int) -> Ints:
-    """Return draws first, ..., last - 1 of a sequence of whole numbers below a bound."""
+    """Return the numbers with index first to last - 1 of a random sequence of whole numbers below a bound."""
     numbers = np.empty(last - first, dtype=np.int64)
     for begin, end in blocks(first, last, BLOCK):
         numbers[begin - first : end - first] = uniform(key, 0, np.arange(begin, end)) * bound
@@ -112,9 +112,9 @@ def _integers_below(bound: int, first: int, last: int, key: int) -> Ints:
 def _distinct(count: int, bound: int, key: int) -> Ints:
     """Return the first `count` different numbers of the sequence of `_integers_below`.
 
-    For more than half of all numbers, return the numbers missing among the first `bound - count` different numbers.
+    If `count` is more than half of `bound`, the numbers to leave out are drawn instead, and the others are returned.
     """
-    # For nearly all pairs, draw the few pairs to leave out: redrawing repeated pairs would take long.
+    # Few numbers are drawn quickly. To draw nearly all numbers, repeated numbers would have to be redrawn very often.
     if 2 * count > bound:
         remain = np.ones(bound, dtype=bool)
         remain[_distinct(bound - count, bound, key)] = False
@@ -163,7 +163,7 @@ class Space:
         places: coordinates, shape (neurons, axes).
         extent: length of each axis; None if unknown.
         periodic: whether opposite edges are joined.
-        lattice: the shape that determines positions with a spacing of 1; else None.
+        lattice: shape of a population whose positions follow from its shape alone, with a spacing of 1; else None.
     """
 
     places: Floats
@@ -342,8 +342,8 @@ def _candidates(
         is_candidate = np.ones(len(pre), dtype=bool) if mask is None else mask.inside(displacement)
         if excluded is not None:
             is_candidate &= excluded[pre] != post
-        pre, post, far = pre[is_candidate], post[is_candidate], length(displacement[:, is_candidate])
-        yield pre, post, _probability(profile, far) if isinstance(profile, Profile) else profile
+        pre, post, distances = pre[is_candidate], post[is_candidate], length(displacement[:, is_candidate])
+        yield pre, post, _probability(profile, distances) if isinstance(profile, Profile) else profile
 
 
 def _probability(profile: Profile, distance: Floats) -> Floats:

@@ -31,6 +31,8 @@ from neuro.program.program import Floats
 def per_neuron(value: Any, shape: tuple[int, ...], label: str, key: tuple[int, str, str]) -> Floats:
     """Return one value per neuron of a population, or a single shared value, shape (1,).
 
+    The array is a copy, in which -0.0 is 0.0.
+
     Args:
         value: a number, an array of the population's shape or flat, or a distribution.
         shape: shape of the population.
@@ -68,7 +70,7 @@ def per_synapse(
         get_geometry: function that returns positions and distances of neurons, for a function of distance.
         buffer: memory that may be used for the values; in 32 bits only if all values fit.
     """
-    if label in connections.factors:
+    if label in connections.factors:  # a file of synapses has a factor for each
         unscaled = replace(connections, factors={})
         factor = connections.factors[label]
         scaled = per_synapse(value, unscaled, label, rng, get_geometry) * factor if connections.size else factor

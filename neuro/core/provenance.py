@@ -41,7 +41,7 @@ _ALSO = ("torch", "scikit-learn", "nest-simulator")
 
 _MODULES = {"scikit-learn": "sklearn", "nest-simulator": "nest"}
 _MANY = 100
-"""Number of input files above which a folder replaces its files, if it has as many."""
+"""Number of files. If more input files are read, each folder with more than so many of them replaces its files."""
 _FOLDER = Path(__file__).parents[2]
 
 
@@ -66,7 +66,11 @@ def provenance(files: Iterable[str] | None = None, /, **of_a_run: Any) -> dict[s
 
 
 def _outermost(files: Iterable[str]) -> list[str]:
-    """Shorten a list of files: drop this package's own and those in listed folders; many files become their folder."""
+    """Shorten a list of input files.
+
+    The files of this package and the files in listed folders are dropped. If the list is long, a folder with many files
+    replaces its files (see `_MANY`).
+    """
     own_folder, names = str(_FOLDER / "neuro") + os.sep, list(dict.fromkeys(files))
     names = [name for name in names if not name.startswith(own_folder)]
     if len(names) > _MANY:

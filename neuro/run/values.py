@@ -84,7 +84,7 @@ class SynapseValues:
         return self._handles.ends(index)
 
     def chosen(self, index: int, of: Any, pre: Side, post: Side, *, at_least_one: bool = False) -> Chosen | None:
-        """Choose synapses by pairs of neurons, or by their source and target neurons. Return None if no argument chooses.
+        """Choose synapses by pairs of neurons, or by source and target neurons. Return None if no argument chooses.
 
         Args:
             index: index of the projection.

@@ -1,4 +1,6 @@
-"""Model classes of spike-pair rules in equations: traces, states, and the effects of spikes and a signal.
+"""Creation of model classes for learning rules of spike pairs that are defined by equations.
+
+A definition has traces, states, and the effects of spikes and of a signal.
 
 Between spikes the states decay, and the signal changes the weight. The weight is integrated exactly. Its rate of change
 must therefore be a sum of products of exponentially decaying quantities.
@@ -172,7 +174,9 @@ def _tau(words: Mapping[str, Any], parameters: Mapping[str, Parameter], extra_na
 
 
 def _check_dimensions(pairs: Pairs) -> Pairs:
-    """Return the rule with the dimensions of its states. A trace is a number, or a time if it has no time constant.
+    """Return the rule with the dimensions of its states.
+
+    A trace with a time constant has no unit. A trace without a time constant is a time.
 
     Raises:
         ModelError: a name is unknown, or units do not match.
@@ -271,9 +275,9 @@ def rule(name: str, words: Mapping[str, Any]) -> type[EquationSynapse]:
                 raise ModelError(f"'{state}' is a parameter of these rules: expected another name")
     constants = Constants(pairs.parameters, 0, {WEIGHT, *pairs.traces, *pairs.states}, lambda tree: tree)
     time_constants = {trace.tau for _, trace in pairs.traces.values()} | {DECAY_OF_SIGNAL}
-    taus = time_constants | {
-        *pairs.states.values()
-    }  # the time constant of a state may be 0 if the definition allows it
+    # `taus` has also the time constants of states. They may be 0 if the definition allows it, so that their divisions
+    # are not checked with those of `time_constants`.
+    taus = time_constants | {*pairs.states.values()}
     tree_of: dict[Words, Expression] = {
         ("parameters", word): Expression(word, Name(word, 0)) for word in pairs.parameters if word in time_constants
     }
