@@ -326,8 +326,8 @@ def pour(net, row, target, box, step, below, capped):
     slot = (step + net.lags[row[t.LAG]]) & (target[t.SLOTS] - 1)
     base = target[t.RING] + slot * sheet * row[t.MAPS]
     net.came[target[t.ARRIVED] + slot] = 1
-    # If the box is at least half as wide as the grid, one long run is faster than many short runs. The long run includes
-    # sums beside the box, which are 0.
+    # If the box is at least half as wide as the grid, one long run is faster than many short runs. The long run
+    # includes sums beside the box, which are 0.
     is_one_run = 2 * (right - left) >= columns
     spans = 1 if is_one_run else bottom - top
     run = right - left + (bottom - top - 1) * columns if is_one_run else right - left

@@ -54,8 +54,8 @@ NEAREST, TRIPLET, VOGELS, RECURRENT = (TIMINGS.index(name) for name in TIMINGS[1
 ENTRIES = 16
 """Number of entries of a history: a placeholder at tick 0, and 15 events."""
 FAST, SLOW, SPIKE, DOPAMINE, TRACES = range(5)
-"""Columns of an entry: the fast trace o1 (or the window), the slow trace o2 without its last spike, the tick of that last
-spike, and the level of dopamine."""
+"""Columns of an entry: the fast trace o1 (or the window), the slow trace o2 without its last spike, the tick of that
+last spike, and the level of dopamine."""
 LAST, R1, R2, ROW_COLUMNS = range(4)
 """Columns of a row: the tick of its last packet, its trace (or window) and its slow trace."""
 EVALUATED, CHANGED, UNDELIVERED, MISSED, WRAPPED, OVERFLOWN, SENT, CUT, COUNTS = range(9)

@@ -50,8 +50,8 @@ class Watch:
         """Raise an error if a state is NaN or infinite.
 
         Raises:
-            ModelError: a state is NaN or infinite. The message names the neuron, or the projection whose weights are NaN or
-                infinite.
+            ModelError: a state is NaN or infinite. The message names the neuron, or the projection if its
+                weights are NaN or infinite.
         """
         for index, names in self.always_checked:
             self._check(index, names)

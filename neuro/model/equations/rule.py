@@ -275,8 +275,8 @@ def rule(name: str, words: Mapping[str, Any]) -> type[EquationSynapse]:
                 raise ModelError(f"'{state}' is a parameter of these rules: expected another name")
     constants = Constants(pairs.parameters, 0, {WEIGHT, *pairs.traces, *pairs.states}, lambda tree: tree)
     time_constants = {trace.tau for _, trace in pairs.traces.values()} | {DECAY_OF_SIGNAL}
-    # `taus` has also the time constants of states. They may be 0 if the definition allows it, so that their divisions
-    # are not checked with those of `time_constants`.
+    # `taus` has also the time constants of states. They may be 0 if the definition allows it, so
+    # divisions by them are not checked here.
     taus = time_constants | {*pairs.states.values()}
     tree_of: dict[Words, Expression] = {
         ("parameters", word): Expression(word, Name(word, 0)) for word in pairs.parameters if word in time_constants
