@@ -108,12 +108,12 @@ def _bounds(part: Projection, record: LearningRecord, run: Observation) -> Itera
     strengthens = float(np.abs(high).mean()) >= float(np.abs(low).mean())  # False for inhibitory weights, below 0
     for sign, at_bound, end, name in ((1.0, top, high, "largest"), (-1.0, bottom, low, "smallest")):
         share, initial_share = float(at_bound.mean()), float((np.abs(record.first - end) <= slack).mean())
-        covered = float((sign * change).mean()) / max(float(np.abs(end - record.first).mean()), 1e-300)
-        towards = float((sign * change[change != 0.0] > 0.0).mean())
+        share_of_way = float((sign * change).mean()) / max(float(np.abs(end - record.first).mean()), 1e-300)
+        same_sign = float((sign * change[change != 0.0] > 0.0).mean())
         remedy = f"{balanced(part, (sign > 0.0) == strengthens)}, or lower the learning rate"
         is_fault = share >= AT_BOUND > initial_share and w.size >= 4
         is_warning = share >= AT_ONE > 3.0 * initial_share and run.ms <= QUICK_MS and not divided
-        if is_fault or (is_warning and covered > SPENT and w.size >= 20):
+        if is_fault or (is_warning and share_of_way > SPENT and w.size >= 20):
             near = "at" if bool((w[at_bound] == end[at_bound]).all()) else f"within {NEAR:.0%} of"
             evidence = (
                 f"{share:.0%} of {some(w.size, 'weight')} are {near} the {name}, {end.mean():g}, after {run.ms:g} ms, "
@@ -122,10 +122,10 @@ def _bounds(part: Projection, record: LearningRecord, run: Observation) -> Itera
             remedy += ", or use a rule whose changes depend on the weight"
             yield finding("weights-at-bounds", "fault" if is_fault else "warning", part, evidence, remedy)
             return
-        if w.size >= 20 and covered > SPENT and towards > ONE_WAY:
+        if w.size >= 20 and share_of_way > SPENT and same_sign > ONE_WAY:
             evidence = (
-                f"{towards:.0%} of {some(int((change != 0.0).sum()), 'weight')} that changed "
-                f"{'grew' if sign > 0.0 else 'shrank'}, by {covered:.0%} of the way to the bound in {run.ms:g} ms"
+                f"{same_sign:.0%} of {some(int((change != 0.0).sum()), 'weight')} that changed "
+                f"{'grew' if sign > 0.0 else 'shrank'}, by {share_of_way:.0%} of the way to the bound in {run.ms:g} ms"
             )
             yield warning("one-way", part, evidence, remedy)
     yield from divided

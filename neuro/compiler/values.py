@@ -68,7 +68,7 @@ def per_synapse(
         label: name of the value in messages.
         rng: generator for the draws of a distribution.
         get_geometry: function that returns positions and distances of neurons, for a function of distance.
-        buffer: memory that may be used for the values; in 32 bits only if all values fit.
+        buffer: memory that may be used for the values. The caller passes 32 bits only if all values fit.
     """
     if label in connections.factors:  # a file of synapses has a factor for each
         unscaled = replace(connections, factors={})
