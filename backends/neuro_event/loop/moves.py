@@ -142,6 +142,24 @@ def move_entry(model):
                     plastic.move_x[thread, x_at + j] += plastic.move_adds[k, j] * net.log_counts[sender, place & mask]
 
     @subkernel
+    def gather_dense(view, k, thread, lo, hi, width):
+        """Gather the eligibility of a dense projection from all lit sources onto all targets lo:hi of the thread."""
+        net, plastic = net_of(view), plastic_of(view)
+        c, y, lit = plastic.move_rule[k], plastic.move_y, plastic.move_lists[thread, LIT]
+        first_source, to = plastic.move_table[k, t.MOVE_SOURCE], plastic.move_table[k, t.MOVE_SYNAPSE] + lo
+        spikes, seen, gate = plastic.move_spikes, plastic.move_seen, plastic.move_gate
+        i_0, n = np.uint64(plastic.move_table[k, t.MOVE_TARGET] + lo), np.uint64(hi - lo)
+        # All of this is read once: after a store to `y` the compiler would read it again for each source.
+        for at in range(plastic.move_count[thread, k, LIT]):
+            if net.stop[0] == t.AT_ONCE:
+                return
+            source = lit[first_source + at]
+            pre = traces(plastic, thread, (first_source + source) * t.MOVE_TRACES)
+            s_0 = np.uint64(to + source * width)
+            for e in range(n):
+                gather(y, s_0 + e, c, pre, spikes[i_0 + e], seen[i_0 + e], gate[i_0 + e])
+
+    @subkernel
     def gather_from(view, k, source, thread, n):
         """Gather the eligibility of the synapses from a lit source onto the n targets that the step concerns."""
         net, plastic = net_of(view), plastic_of(view)
@@ -149,22 +167,8 @@ def move_entry(model):
         to_target, to = plastic.move_table[k, t.MOVE_TARGET], plastic.move_table[k, t.MOVE_SYNAPSE]
         pre = traces(plastic, thread, (plastic.move_table[k, t.MOVE_SOURCE] + source) * t.MOVE_TRACES)
         first, end = synapse_range(net, row, source, thread)
-        lo, hi = targets_of(net, net.pops[row[t.TARGET]], thread)
+        lo, _ = targets_of(net, net.pops[row[t.TARGET]], thread)
         y = plastic.move_y
-        if row[t.LAYOUT] == t.DENSE and DENSE_FROM * n >= hi - lo:
-            # `gather` does nothing for the other targets. With vector instructions four synapses take the time of one.
-            s_0, i_0 = np.uint64(to + first), np.uint64(to_target + lo)
-            for e in range(np.uint64(hi - lo)):
-                gather(
-                    y,
-                    s_0 + e,
-                    c,
-                    pre,
-                    plastic.move_spikes[i_0 + e],
-                    plastic.move_seen[i_0 + e],
-                    plastic.move_gate[i_0 + e],
-                )
-            return
         for at in range(n):
             target = plastic.move_concerned[to_target + lo + at]
             place = to_target + target
@@ -188,7 +192,8 @@ def move_entry(model):
         if plastic.move_count[thread, k, LIT] == 0:
             return
         mask = net.log_ids.shape[1] - 1
-        lo, n = net.edges[number, thread] * t.BLOCK - begin, 0
+        lo, hi = targets_of(net, target_row, thread)
+        n = 0
         first, last = net.log_ends[thread, step & (net.log_ends.shape[1] - 1), number], net.log_at[thread, 0]
         for place in range(first, last):
             target = np.int64(net.log_ids[thread, place & mask]) - begin
@@ -198,12 +203,18 @@ def move_entry(model):
                 n += 1
         if state >= 0:
             # The rule also reads the state of neurons that did not spike.
-            for target in range(lo, min(net.edges[number, thread + 1] * t.BLOCK, target_row[t.END]) - begin):
+            for target in range(lo, hi):
                 plastic.move_seen[to + target] = net.state[state, begin + target]
                 if plastic.move_seen[to + target] != 0.0 or plastic.move_spikes[to + target] != 0.0:
                     plastic.move_concerned[to + lo + n] = target
                     n += 1
         if n == 0:
+            return
+        if row[t.LAYOUT] == t.DENSE and DENSE_FROM * n >= hi - lo:
+            # `gather` does nothing for the other targets. With vector instructions four synapses take the time of one.
+            gather_dense(view, k, thread, lo, hi, target_row[t.END] - begin)
+            for target in range(lo, hi):
+                plastic.move_spikes[to + target] = 0.0
             return
         for at in range(plastic.move_count[thread, k, LIT]):
             if net.stop[0] == t.AT_ONCE:
