@@ -7,6 +7,7 @@ import neuro
 from refused import refused
 
 N = 3
+TAUGHT = {"error": "critic", "error_of_actor": "actor", "reward": "motors"}
 
 
 def loop(noisy=True):
@@ -199,3 +200,58 @@ def test_a_port_of_copies_is_the_port_of_each():
     assert "V_m of 'motors': an array of shape [6]: expected 3 copies first" in refused(cells.set, np.zeros(6))
     assert "expected 'counts'" in refused(copies.port, "motors", "spikes")
     assert "expected at most 500000 Hz" in refused(copies.port("sensors", "rate").set, np.full((N, 1), 6e5))
+
+
+def drawn(rng):
+    """Random sizes and rules: moves onto few and many targets, and synapses that learn by dopamine."""
+    net = neuro.Network("drawn", resolution=1.0)
+    places = net.population("places", int(rng.integers(1, 40)), neuro.spike_generator())
+    point = neuro.pp_psc_delta(with_reset=False, c_1=100.0, c_2=float(rng.choice([0.0, 5.0, 300.0])), c_3=0.0)
+    critic = net.population("critic", int(rng.integers(1, 130)), point)
+    actor = net.population("actor", int(rng.integers(2, 30)), neuro.pp_psc_delta(c_2=50.0))
+    motors = net.population("motors", 5, neuro.iaf_psc_exp(tau_m=10.0))
+    for name, target in (("error", critic), ("error_of_actor", actor), ("reward", motors)):
+        net.signal(name, to=target)
+    connected = [neuro.all_to_all(), neuro.pairwise_bernoulli(0.6)][rng.integers(2)]
+    value = neuro.td_lambda(signal="error", tau=5.0, eta=0.1, Wmin=-1.0, Wmax=1.0)
+    net.connect(
+        places, critic, neuro.all_to_all(), value, weight=neuro.uniform(low=-0.1, high=0.1), delay=1.0, name="value"
+    )
+    net.connect(
+        places, actor, connected, neuro.reinforce(signal="error_of_actor"), weight=0.1, delay=1.0, name="policy"
+    )
+    learnt = neuro.stdp_dopa(signal="reward", Wmax=1200.0)
+    net.connect(places, motors, connected, learnt, weight=600.0, delay=1.0, name="learnt")
+    return net
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_copies_in_silence_and_at_full_rate_are_single_simulations(seed):
+    rng = np.random.default_rng(seed)
+    net = drawn(rng)
+    size = {name: int(np.prod(part.shape)) for name, part in net.populations.items()}
+    places, signals = size["places"], {signal: size[target] for signal, target in TAUGHT.items()}
+    copies = neuro.compile(net, seed=seed, copies=N)
+    alone = [neuro.compile(net, seed=seed + k) for k in range(N)]
+    reference = neuro.compile(net, "reference", seed=seed)
+    stepper = copies.stepper(10.0, emit=["places"], count=["critic"])
+    for step in range(8):
+        # A copy is silent, spikes at random, or spikes in each tick, so its sources become inactive and active again.
+        chance = rng.choice([0.0, 0.1, 1.0], N)
+        lists = [np.nonzero(rng.random((9, places)) < p) for p in chance]
+        offsets = np.concatenate([[0], np.cumsum([len(ticks) for ticks, _ in lists])])
+        stepper.step((offsets, np.concatenate([t for t, _ in lists]) + 1, np.concatenate([i for _, i in lists])))
+        errors = {s: rng.choice([0.0, 1e-3, 1.0, 1e6]) * rng.normal(size=(N, n)) for s, n in signals.items()}
+        for signal, values in errors.items():
+            copies.signal(signal, values)
+        for k, sim in [*enumerate(alone), (0, reference)]:
+            sim.inject("places", sim.time + 1.0 + lists[k][0], lists[k][1])
+            sim.run(10.0)
+            for signal, values in errors.items():
+                sim.signal(signal, values[k])
+            moves = [("value", "e"), ("value", "z"), ("value", "weight"), ("policy", "z"), ("policy", "weight")]
+            # `event` and the reference round the effect of dopamine differently, by 1 ulp.
+            for part, state in moves if sim is reference else [*moves, ("learnt", "weight")]:
+                np.testing.assert_array_equal(
+                    copies[k].get(part, state), sim.get(part, state), f"{step} {part} {state}"
+                )

@@ -13,8 +13,10 @@ from functools import cache
 import numpy as np
 
 from neuro.kernels.address import Entry
+from neuro.kernels.instructions import address
 from neuro.kernels.jit import compiled, inlined, kernel, subkernel
 from neuro_event.loop import tables as t
+from neuro_event.loop.arrivals import prefetch_lines
 from neuro_event.loop.lazy_rules import tuple_of
 from neuro_event.loop.tables import RULE_TYPE, call_moves, net_of, plastic_of
 
@@ -149,7 +151,7 @@ def move_entry(model):
         first_source, to = plastic.move_table[k, t.MOVE_SOURCE], plastic.move_table[k, t.MOVE_SYNAPSE] + lo
         spikes, seen, gate = plastic.move_spikes, plastic.move_seen, plastic.move_gate
         i_0, n = np.uint64(plastic.move_table[k, t.MOVE_TARGET] + lo), np.uint64(hi - lo)
-        # All of this is read once: after a store to `y` the compiler would read it again for each source.
+        # These are read once a step: in the loop, the compiler would read them again after each store to `y`.
         for at in range(plastic.move_count[thread, k, LIT]):
             if net.stop[0] == t.AT_ONCE:
                 return
@@ -223,48 +225,57 @@ def move_entry(model):
         for at in range(n):
             plastic.move_spikes[to + plastic.move_concerned[to + lo + at]] = 0.0
 
-    @subkernel
-    def teach_row(view, k, source, thread):
-        """Apply the signal to the synapses of a source. Return whether any synapse still has a state that is not 0."""
-        net, plastic = net_of(view), plastic_of(view)
-        row, c = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]], plastic.move_rule[k]
-        first, end = synapse_range(net, row, source, thread)
-        n, y, sign, is_live = np.uint64(end - first), plastic.move_y, plastic.move_sign[k], False
-        z, w = np.uint64(plastic.move_table[k, t.MOVE_SYNAPSE] + first), np.uint64(row[t.WEIGHT] + first)
-        signals = np.uint64(plastic.move_table[k, t.MOVE_TARGET])
-        if n == 0:
-            return False
-        if row[t.LAYOUT] == t.DENSE:
-            # The signals are contiguous, so the loop is vectorised.
-            signals += np.uint64(target_of(net, row, source, first))
-            for e in range(n):
-                teach(y, z + e, c, plastic.move_signal[signals + e])
-        else:
-            for e in range(n):
-                target = target_of(net, row, source, first + np.int64(e))
-                teach(y, z + e, c, plastic.move_signal[signals + np.uint64(target)])
-        for e in range(n):
-            net.weights[w + e] = sign * y[0, z + e] + 0.0  # -0.0 would be no input
-        for state in range(1, 1 + n_states):
-            for e in range(n):
-                is_live |= y[state, z + e] != 0.0
-        return is_live
+    @inlined
+    def prefetch_synapses(net, y, z, w, n):
+        """Prefetch the states of n synapses from z on, and their weights from w on."""
+        for state in range(1 + n_states):
+            begin = address(y) + 8 * (state * y.shape[1] + z)
+            prefetch_lines(begin, begin + 8 * n)
+        begin = address(net.weights) + 8 * w
+        prefetch_lines(begin, begin + 8 * n)
 
     @subkernel
     def teach_all(view, k):
-        plastic = plastic_of(view)
-        first = plastic.move_table[k, t.MOVE_SOURCE]
+        """Apply the signal to the synapses of all live sources; sources whose states are all 0 leave the list."""
+        net, plastic = net_of(view), plastic_of(view)
+        row, c, y = net.projections[plastic.move_table[k, t.MOVE_PROJECTION]], plastic.move_rule[k], plastic.move_y
+        first_source, to = plastic.move_table[k, t.MOVE_SOURCE], plastic.move_table[k, t.MOVE_SYNAPSE]
+        signals, signal, sign = plastic.move_table[k, t.MOVE_TARGET], plastic.move_signal, plastic.move_sign[k]
+        target_row, is_lit = net.pops[row[t.TARGET]], plastic.move_is_lit
+        weights, to_weight = net.weights, row[t.WEIGHT]
+        width, is_dense = target_row[t.END] - target_row[t.BEGIN], row[t.LAYOUT] == t.DENSE
         for thread in range(plastic.move_lists.shape[0]):
-            live, n, at = plastic.move_lists[thread, LIVE], plastic.move_count[thread, k, LIVE], 0
-            while at < n:
-                source = live[first + at]
-                if teach_row(view, k, source, thread) or plastic.move_is_lit[thread, first + source] == 1:
+            live, n_live, at = plastic.move_lists[thread, LIVE], plastic.move_count[thread, k, LIVE], 0
+            lo, hi = targets_of(net, target_row, thread)
+            while at < n_live:
+                source, is_live = live[first_source + at], False
+                if is_dense:
+                    first, n = source * width + lo, np.uint64(hi - lo)
+                    z, i_0 = np.uint64(to + first), np.uint64(signals + lo)
+                    # Rows are taught in no order of memory, so the processor does not load the next one by itself.
+                    following = live[first_source + min(at + 1, n_live - 1)] * width + lo
+                    prefetch_synapses(net, y, to + following, to_weight + following, hi - lo)
+                    for e in range(n):  # signals are contiguous, so the loop is vectorised
+                        teach(y, z + e, c, signal[i_0 + e])
+                else:
+                    first, end = synapse_range(net, row, source, thread)
+                    n, z = np.uint64(end - first), np.uint64(to + first)
+                    for e in range(n):
+                        target = target_of(net, row, source, first + np.int64(e))
+                        teach(y, z + e, c, signal[np.uint64(signals + target)])
+                w = np.uint64(to_weight + first)
+                for e in range(n):
+                    weights[w + e] = sign * y[0, z + e] + 0.0  # -0.0 would be no input
+                for state in range(1, 1 + n_states):
+                    for e in range(n):
+                        is_live |= y[state, z + e] != 0.0
+                if is_live or is_lit[thread, first_source + source] == 1:
                     at += 1
                     continue
-                plastic.move_is_live[thread, first + source] = 0
-                n -= 1
-                live[first + at] = live[first + n]
-            plastic.move_count[thread, k, LIVE] = n
+                plastic.move_is_live[thread, first_source + source] = 0
+                n_live -= 1
+                live[first_source + at] = live[first_source + n_live]
+            plastic.move_count[thread, k, LIVE] = n_live
 
     @kernel
     def run(view, k, operation, index, step, thread, h):
