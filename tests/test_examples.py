@@ -27,6 +27,7 @@ ARGUMENTS = {
     "joules_to_learn": ["20"],
     "larva": [str(LARVA), "--seeds", "2", "--ms", "100"],
     "linear_track": ["--runs", "2"],
+    "loop_without_host": ["8"],
     "masquelier_thorpe_2007": [str(NMNIST), "--each", "5"],
     "potjans_diesmann_2014": ["--scale", "0.02", "--ms", "50"],
     "vogels_abbott_2005": ["--neurons", "1000", "--ms", "100"],
@@ -47,7 +48,7 @@ SCRIPTS = [path for path in sorted((ROOT / "examples").glob("*.py")) if path.ste
 
 SLOW = (
     *("diehl_cook_2015", "drone_on_chips", "firing_patterns", "joules_to_learn", "masquelier_thorpe_2007", "neurons"),
-    *("recognisers", "vogels_abbott_2005"),
+    *("loop_without_host", "recognisers", "vogels_abbott_2005"),
 )
 """Their kernels take seconds to compile, and other tests run what they show."""
 
