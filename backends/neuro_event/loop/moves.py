@@ -253,8 +253,8 @@ def move_entry(model):
                     first, n = source * width + lo, np.uint64(hi - lo)
                     z, i_0 = np.uint64(to + first), np.uint64(signals + lo)
                     # Rows are taught in no order of memory, so the processor does not load the next one by itself.
-                    following = live[first_source + min(at + 1, n_live - 1)] * width + lo
-                    prefetch_synapses(net, y, to + following, to_weight + following, hi - lo)
+                    next_synapse = live[first_source + min(at + 1, n_live - 1)] * width + lo
+                    prefetch_synapses(net, y, to + next_synapse, to_weight + next_synapse, hi - lo)
                     for e in range(n):  # signals are contiguous, so the loop is vectorised
                         teach(y, z + e, c, signal[i_0 + e])
                 else:
