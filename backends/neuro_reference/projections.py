@@ -21,14 +21,15 @@ class ReferenceProjection:
             learnt delay is the delay of the last spike.
         at_once: whether spikes are sent in the step in which they are emitted. True for generators, unless the synapses
             learn by pairs.
-        late: delays in ms that a rule for trials changes.
+        late: delay of every synapse in ms, if a rule for trials changes delays. `set_out` rounds them.
         fewest, most: limits of the delay in steps.
         receptors: number of receptors of the target.
+        slots: number of steps in the rings `due` and `heard`.
         slot: index of each synapse's weight; the synapses of a grid share weights.
         weights: all weights.
         row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
-        due: input under way, (steps modulo (longest delay + 2), receptor, target).
-        heard: whether a spike is under way to a target, (steps, target).
+        due: ring of the input under way, (slots, receptor, target). The input of step t is in row t % slots.
+        heard: ring with True where a spike arrives at a target, (slots, target).
         emission, held: the emission of a projection that carries a current, and the current that it sent last.
 
     Args:
@@ -68,7 +69,7 @@ class ReferenceProjection:
         self.heard = np.zeros((self.slots, self.n_target), dtype=bool)
 
     def set_out(self, synapses: slice | Ints, delays: Floats) -> None:
-        """Set the delay in steps of the next spikes along some synapses to the nearest of their delays in ms."""
+        """Round the delays of some synapses from ms to steps, for the next spikes along the synapses."""
         self.delay[synapses] = [steps_of(delay, self.h, self.fewest, self.most) for delay in delays]
 
     def row(self, source: int) -> slice:
@@ -76,7 +77,15 @@ class ReferenceProjection:
         return slice(int(self.row_ends[source]), int(self.row_ends[source + 1]))
 
     def send(self, source: int, multiplicity: int, step: int, weights: Floats, relay: bool) -> None:
-        """Send a spike of a source, emitted in `step`, with given weights of the source's synapses."""
+        """Send a spike of a source.
+
+        Args:
+            source: index of the source.
+            multiplicity: multiplicity of the spike.
+            step: step of the emission.
+            weights: weights of the synapses of the source.
+            relay: whether the target repeats spikes, so that weights have no effect.
+        """
         row = self.row(source)
         ring_row, targets = (step + self.delay[row]) % self.slots, self.target[row]
         amount = np.full(len(targets), float(multiplicity)) if relay else self.part.arriving(weights) * multiplicity

@@ -21,7 +21,7 @@ class HostWork:
     Attributes:
         name: name of the part, e.g. "shares of cells".
         work: operations and bytes of one use, as `neuro.coding.Work` counts them; None without a count.
-        each: occasion of one use, e.g. "control step".
+        each: what the part is used once for, e.g. "control step".
         steps: network steps from one use to the next; 0 if `times` says the number of uses.
         times: number of uses in the run if `steps` is 0.
     """
@@ -53,8 +53,8 @@ def mean_work(
     """Return the mean work of each part of the host in one run. A run is e.g. the classification of a recording.
 
     Args:
-        parts: operations of each part, by the unit that one use is for, e.g. "event" or "frame".
-        uses: number of uses in all runs, by unit; None if unknown.
+        parts: operations of each part, by unit. A part with the unit "event" is used once per event.
+        uses: number of events, frames etc. in all runs, by unit; None if unknown.
         runs: number of runs.
         each: unit of a run, e.g. "recording".
     """

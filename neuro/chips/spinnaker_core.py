@@ -2,8 +2,8 @@
 
 | of the 64 KiB | bytes |
 | --- | --- |
-| history of a neuron | 4 + 16 (4 + traces), traces 2 (nearest 0, triplet 8); with dopamine 8 + 16 (6 + traces) |
-| slots | 2 for each delay, receptor and neuron, each a power of two |
+| history of a neuron | 4 + 16 (4 + n), with dopamine 8 + 16 (6 + n); traces need n = 2, nearest 0, triplet 8 |
+| slots | 2 x delays x receptors x neurons, each factor rounded up to a power of two |
 | tables | 2 per entry, and 4 |
 | two buffers of rows | the longest row onto the core |
 | neuron | 15 words: the registers and states of `iaf_psc_exp` |
@@ -39,6 +39,7 @@ Parts = Sequence[tuple[int, int, int]]
 Visits = Mapping[int, tuple[float, float]]
 """Work of a tick by projection: synapses visited by packets, and synapses visited by post spikes."""
 ENTRIES = 16
+"""Entries in the history of a neuron, one per post spike."""
 NEURON_BYTES = 60
 CLOCK_HZ = 200e6
 
@@ -94,13 +95,13 @@ def bytes_of(program: Program, chip: Chip, target: int, neurons: int) -> int:
 
 
 def _history_bytes(synapse: Synapse) -> int:
-    timing, taught = program_of(synapse)
-    return 8 + ENTRIES * 8 if taught else 4 + ENTRIES * (4 + {"nearest": 0, "triplet": 8}.get(timing, 2))
+    timing, dopamine = program_of(synapse)
+    return 8 + ENTRIES * 8 if dopamine else 4 + ENTRIES * (4 + {"nearest": 0, "triplet": 8}.get(timing, 2))
 
 
 def _tables(synapse: Synapse, tau_minus: float) -> list[tuple[float, int]]:
     """Return the time constants of a rule's tables in ms, and the shifts of their indices."""
-    numbers, (timing, taught) = synapse.parameters(), program_of(synapse)
+    numbers, (timing, dopamine) = synapse.parameters(), program_of(synapse)
     if timing == "recurrent":  # both windows have tables like those of the pair rule
         return [(numbers["mean_pre_window"], 0), (numbers["mean_post_window"], 0)]
     taus: dict[int, Any] = {PLUS: numbers["tau" if isinstance(synapse, vogels_sprekeler) else "tau_plus"]}
@@ -109,7 +110,7 @@ def _tables(synapse: Synapse, tau_minus: float) -> list[tuple[float, int]]:
     if timing == "triplet":
         own_taus = ("tau_x", "tau_y") if "tau_x" in numbers else ("tau_plus_triplet", "tau_minus_triplet")
         taus |= {X: numbers[own_taus[0]], Y: numbers[own_taus[1]]}
-    taus |= {C: numbers["tau_c"], D: numbers["tau_n"]} if taught else {}
+    taus |= {C: numbers["tau_c"], D: numbers["tau_n"]} if dopamine else {}
     return [(tau_minus, 0), *((float(np.max(tau)), INDEX_SHIFTS[k]) for k, tau in taus.items())]
 
 
@@ -126,8 +127,9 @@ def busiest(program: Program, cores: Iterable[Parts], visits: Visits) -> float:
         cycles = 0.0
         for population, first, last in parts:
             for k in learning_onto(program, population):
-                _, taught = program_of(program.projections[k].synapse)
-                work = sum(n * each for n, each in zip(visits[k], TAUGHT if taught else PAIR, strict=True))
+                _, dopamine = program_of(program.projections[k].synapse)
+                cycles_per_visit = TAUGHT if dopamine else PAIR
+                work = sum(n * each for n, each in zip(visits[k], cycles_per_visit, strict=True))
                 cycles += work * (last - first) / program.populations[population].size
         largest = max(largest, cycles)
     return largest

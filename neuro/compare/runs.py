@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from neuro.realtime.closed_loop import ClosedLoop
 
 TARGETS = ("loihi", "spinnaker", "cpu", "gpu")
-"""Targets that price the counts of the first run, in addition to the bill of each chip backend."""
+"""Targets for which the first run gets a bill. A run on a chip backend also gets the bill of its own chip."""
 
 Advance = Callable[[Simulation, int], object]
 
@@ -80,19 +80,19 @@ def compare(
         if name in names[:index]:
             raise ModelError(f"backends: found '{name}' twice: expected different names")
     steps = Clock(net.resolution).step(ms, "ms")
-    watched, runs = _recording(net), list[Run]()
+    probed_net, runs = _recording(net), list[Run]()
     for name in names:
         first = next((run for run in runs if not run.refused), None)
         with _warnings() as warning_texts:
             try:
                 loop = None
-                if watched.world_section is not None:
+                if probed_net.world_section is not None:
                     from neuro.realtime.closed_loop import lived
 
-                    loop = lived(watched, ms, backend=name, seed=seed, threads=threads, record=True)
+                    loop = lived(probed_net, ms, backend=name, seed=seed, threads=threads, record=True)
                     sim = loop.sim
                 else:
-                    sim = compile(watched, backend=name, seed=seed, threads=threads)
+                    sim = compile(probed_net, backend=name, seed=seed, threads=threads)
                     if advance is None:
                         sim.run(Clock(sim.program.resolution).ms(steps))
                     else:
@@ -221,6 +221,7 @@ def _against(run: Run, first: Run | None, duration_ms: float) -> Run:
         edits = distance(first_train, train, duration_ms)
         populations[name] = replace(part, same=first_difference is None, first=first_difference, distance=edits)
     inputs = [name for name, part in populations.items() if part.generator and not part.same]
+    # Inputs are "merged" if the same neurons spike in the same steps, but not equally often in a step.
     merged = all(same_steps(first.trains[name], run.trains[name]) for name in inputs)
     return replace(
         run,

@@ -1,4 +1,4 @@
-"""Signals with described values: lists become schedules in steps, expressions become operations on spikes."""
+"""Resolve the values of signals: a list becomes a schedule in steps, an expression becomes operations on spikes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def resolve_signals(net: Network, shapes: Mapping[str, Shape], clock: Clock, see
     """Resolve the signals of a network, with or without described values.
 
     Raises:
-        ModelError: a description is invalid; the path leads to the word.
+        ModelError: a description is invalid; the path of the error names the invalid key.
     """
     resolver = _Resolver(net, shapes, clock, seed)
     names = {name: index for index, name in enumerate(net.populations)}
@@ -61,7 +61,12 @@ class _Resolver:
         self.plans: dict[str, Schedule | Computed | None] = {}
 
     def of(self, part: Signal, followers: tuple[str, ...]) -> tuple[Schedule | Computed | None, Floats]:
-        """Return the source of a signal and its factor. `followers`: names of signals whose `like` leads to it."""
+        """Return the source of a signal and its factor.
+
+        Args:
+            part: the signal.
+            followers: names of the signals whose `like` leads to this signal, to detect a cycle.
+        """
         source = part.values
         while isinstance(source, Source) and not isinstance(source, (schedule, computed, like)):
             with naming_the_part(part, "values", source.name):
@@ -173,14 +178,14 @@ class _Reader:
             expected = f"{fewest}" if fewest == most else f"{fewest} or {most}"
             message = f"{tree.name} has {len(tree.arguments)} values in its brackets: expected {expected}"
             raise self.expression.mistake(tree.at, message)
-        first, *rivals = tree.arguments
+        first, *others = tree.arguments
         period = self.every * self.clock.resolution
         if tree.name in ("mean", "trace"):
-            share = math.exp(-period / self.ms(rivals[0])) if rivals else 1.0
-            return self.add(tree.name, self.read(first), number=share if tree.name == "trace" else 1.0 - share)
+            decay = math.exp(-period / self.ms(others[0])) if others else 1.0
+            return self.add(tree.name, self.read(first), number=decay if tree.name == "trace" else 1.0 - decay)
         if tree.name == "after":
-            within = self.clock.floor(self.ms(rivals[1]) if len(rivals) > 1 else 20.0, "after")
-            return self.add("after", number=float(within), reads=(self.neurons(first), self.neurons(rivals[0])))
+            window = self.clock.floor(self.ms(others[1]) if len(others) > 1 else 20.0, "after")
+            return self.add("after", number=float(window), reads=(self.neurons(first), self.neurons(others[0])))
         if tree.name in ("count", "rate"):
             index, ids = read = self.neurons(first)
             count = self.add("count", reads=(read,))

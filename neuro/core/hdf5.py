@@ -10,15 +10,17 @@ LENGTH of the file in bytes
 DIGEST
 ```
 
-The digest is BLAKE2b of a CRC-32 of each 64 KiB behind the front, and of the lines above. CRC-32 runs at 4 GB/s, so
-that opening a file takes little longer than reading it. CRC-32 detects every change of up to 32 bits in a row, and
-misses one in 2^32 of all others. The list of checksums detects truncation and blocks that changed places. A commit to a
-file that grows (`neuro.core.growing`) reads only the blocks that the commit changes.
+The content behind the front has a CRC-32 per 64 KiB. The digest is the BLAKE2b hash of the lines FORMAT and LENGTH and
+of these checksums. CRC-32 runs at 4 GB/s, so that opening a file takes little longer than reading it. CRC-32 detects
+every change within 32 adjacent bits. Of other changes CRC-32 misses one in 2^32. The list of checksums detects
+truncation and blocks that changed places. A commit to a file that grows (`neuro.core.growing`) reads only the blocks
+that the commit changes.
 
 A write must not fail inside HDF5: an object that could not be written cannot be closed, and the second attempt to close
 it ends the process with a segmentation fault. So every file is written through a Python file that records the first
-failure and reports it afterwards (`disk`, and `neuro.core.growing`). HDF5 closes open files when the process exits, and
-would call methods of Python after Python has ended; `_close_python_files` closes such files before.
+failure and reports it afterwards (`disk`, and `neuro.core.growing`). HDF5 closes open files when the process exits.
+Python has ended by then, but HDF5 would call the methods of the Python files. So `_close_python_files` closes the files
+before Python ends.
 """
 
 from __future__ import annotations
@@ -97,7 +99,7 @@ class Front(NamedTuple):
 
     @classmethod
     def over(cls, format: str, size: int, sums: bytes) -> Front:
-        """Return the front of a file of `size` bytes with the checksums of its blocks."""
+        """Return the front for a file of `size` bytes; `sums` has the checksums of the file's blocks."""
         head = f"{format}\n{size}\n".encode()
         return cls(format, size, hashlib.blake2b(head + sums, digest_size=16).hexdigest())
 
@@ -131,7 +133,7 @@ def is_hdf5(head: bytes) -> bool:
 
 
 def kind(format: str, what: str = "") -> Kind:
-    """Return the kind of file of a format. A file may be replaced by another file of the format.
+    """Return the kind of output file for a format. Only a file of the same format may be replaced by a new file.
 
     Args:
         format: format of the file, e.g. "neuro drone model 1".
@@ -339,8 +341,8 @@ def _close_python_files() -> None:
 def check_tree(file: Any, several_names: bool = False) -> None:
     """Refuse an open file with links, external arrays or cycles, since strangers may have written it.
 
-    A link or an array that lies in another file exposes the content of that file, or waits for a pipe without end.
-    Groups that contain each other have no end.
+    A link or an array may lie in another file. A reader would then show the content of the other file, or wait forever
+    if the other file is a pipe. A walk through groups that contain each other would never end.
 
     Args:
         file: file opened by h5py.
@@ -353,7 +355,7 @@ def check_tree(file: Any, several_names: bool = False) -> None:
 
     links = (h5l.TYPE_HARD, h5l.TYPE_SOFT) if several_names else (h5l.TYPE_HARD,)
 
-    def linked(name: bytes, link: Any) -> bytes | None:
+    def name_if_link(name: bytes, link: Any) -> bytes | None:
         return None if link.type in links else name
 
     def refused_name(name: bytes, part: Any) -> bytes | None:
@@ -367,7 +369,7 @@ def check_tree(file: Any, several_names: bool = False) -> None:
         return name if part.rc > 1 and not several_names else None
 
     try:
-        name = file.id.links.visit(linked, info=True) or h5o.visit(file.id, refused_name, info=True)
+        name = file.id.links.visit(name_if_link, info=True) or h5o.visit(file.id, refused_name, info=True)
     except (KeyError, RuntimeError):
         raise ValueError("a name leads to no part of the file") from None
     if name:
@@ -426,7 +428,9 @@ _REFERENCE = [("length", "<u4"), ("heap", "<u8"), ("index", "<u4")]
 
 
 class Texts:
-    """The heaps of texts of a third-party file. If a text is not in the file, HDF5 would read beyond the end.
+    """The heaps of texts of a third-party file.
+
+    A damaged file may refer to a text that is not in the file. HDF5 would then read beyond the end of the heap.
 
     Source: HDF5 File Format Specification 3.0, III.E, "Disk Format: Level 1E - Global Heap".
 

@@ -34,7 +34,7 @@ def ending_by(end: Callable[[], object]) -> Iterator[None]:
         return
     requested = False
 
-    def ask(number: int, frame: Any) -> None:
+    def on_request(number: int, frame: Any) -> None:
         nonlocal requested
         if requested:
             raise KeyboardInterrupt
@@ -44,7 +44,7 @@ def ending_by(end: Callable[[], object]) -> Iterator[None]:
     signals = [signal.SIGINT, signal.SIGTERM]
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores SIGHUP
         signals.append(signal.SIGHUP)
-    previous = {number: signal.signal(number, ask) for number in signals}
+    previous = {number: signal.signal(number, on_request) for number in signals}
     try:
         yield
     finally:
@@ -52,15 +52,15 @@ def ending_by(end: Callable[[], object]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-# Python calls signal handlers between two of its instructions, so never while compiled code runs. A signal
-# also writes its number into a pipe, at once. A thread reads the pipe and sets a number that compiled loops test.
+# Python calls signal handlers between two of its instructions, so never while compiled code runs. But Python writes the
+# number of a signal into a pipe at once. A thread reads the pipe and sets a number that compiled loops test.
 BETWEEN_STEPS, AT_ONCE = 1, 2
 """Requests to a compiled loop: end between two steps, or end at once and leave a step unfinished."""
 
 PATIENCE_S = 0.25
 """Seconds that a loop has to end between two steps, before it must end at once."""
 
-_ASKING = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+_END_SIGNALS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 
 
 class _Watch:
@@ -68,8 +68,8 @@ class _Watch:
 
     Attributes:
         stop: the number that the compiled code of the main thread tests.
-        before: descriptor set by other code; signals are passed on to it.
-        set_at: time at which the descriptor was last set.
+        before: the wakeup descriptor that other code had set, or -1. The numbers of signals are passed on to it.
+        set_at: time at which this pipe was last made the wakeup descriptor, in s.
     """
 
     def __init__(self) -> None:
@@ -85,7 +85,7 @@ class _Watch:
                 with suppress(OSError):  # the descriptor may be closed
                     os.write(self.before, numbers)
             stop = self.stop
-            if stop is None or _ASKING.isdisjoint(numbers):
+            if stop is None or _END_SIGNALS.isdisjoint(numbers):
                 continue
             stop[0] = BETWEEN_STEPS
             time.sleep(PATIENCE_S)
@@ -95,8 +95,11 @@ class _Watch:
 
 _watch: _Watch | None = None
 _MAIN = threading.main_thread().ident
-_AGAIN_S = 0.01
-"""Seconds after which the descriptor is set again, since other code may replace it. Setting takes as long as a step."""
+_RENEW_S = 0.01
+"""Seconds after which the wakeup descriptor is set again, since other code may have replaced it.
+
+The descriptor is not set in every block, because setting it takes as long as a step.
+"""
 
 
 def _forget() -> None:
@@ -123,14 +126,14 @@ class Interruptible:
 
     def __enter__(self) -> None:
         global _watch
-        if self._stop.item():  # the signal came at the end of the last block
+        if self._stop.item():  # a signal came after the last test of the previous block
             self._stop[0] = 0
         if get_ident() != _MAIN:
             return
         if _watch is None:
             _watch = _Watch()
         time_s = monotonic()
-        if time_s - _watch.set_at > _AGAIN_S:
+        if time_s - _watch.set_at > _RENEW_S:
             descriptor = signal.set_wakeup_fd(_watch.write, warn_on_full_buffer=False)
             if descriptor != _watch.write:
                 _watch.before = descriptor

@@ -21,7 +21,8 @@ def setting(default: Any, unit: str = "", doc: str = "", source: str = "", *, op
     """Make a field for a value, or a tuple of values, within bounds.
 
     Args:
-        default: default value. A tuple accepts lists, with kind "names" also empty ones; None accepts None.
+        default: default value. A field with a tuple as default accepts lists, and with kind "names" also an empty list.
+            A field with None as default accepts None.
         unit: physical unit.
         doc: meaning of the value.
         source: origin of the default.
@@ -136,7 +137,7 @@ class Settings:
         return replace(new_settings, **{name: getattr(new_settings, name).changed(v) for name, v in of_parts.items()})
 
     def _part_of(self, entry: Field[Any], value: Any) -> Part:
-        """Return the part with a name. The current part keeps its values."""
+        """Return a part for a name: the current part with its values if it has the name, else a part with defaults."""
         kind: type[Part] = entry.metadata["part"]
         if isinstance(value, kind):
             return value
@@ -174,7 +175,7 @@ class Settings:
 
     @classmethod
     def from_words(cls, words: Mapping[str, Any]) -> Self:
-        """Return the settings that `as_words` gave as plain data, also after storage as JSON."""
+        """Return settings from the plain data that `as_words` returned. The data may have been stored as JSON."""
         values: dict[str, Any] = {}
         for name, entry in cls.own().items():
             value = words[name]
@@ -188,7 +189,9 @@ class Settings:
 
 @dataclass(frozen=True)
 class Part(Settings):
-    """Base of the parts of settings. A kind of part is a subclass with `kind`, whose subclasses are the parts.
+    """Base of the parts of settings.
+
+    A direct subclass with `kind` defines a kind of part, e.g. the segmenters. Its subclasses are the parts of the kind.
 
     Class attributes:
         kind: name of the kind in messages.

@@ -44,12 +44,13 @@ class Field(NamedTuple):
 
 
 class Odd(NamedTuple):
-    """Condition for words that are not events: the bits of `mask` equal `value`, or differ from it.
+    """Condition that tells words that are not events: `word & mask` equals `value`, or differs from `value`.
 
     Attributes:
         mask: bits of the word to compare.
         value: value to compare with.
-        differs: True: words that differ are not events. False: words that are equal are not events.
+        differs: whether a word is not an event if `word & mask` differs from `value`; else a word is not an event if
+            both are equal.
         byte: offset of the word, bytes.
         size: size of the word, bytes.
     """
@@ -79,9 +80,9 @@ class Layout(NamedTuple):
         p: polarity, 1 = ON.
         odd: condition for words that are not events. Without a mask all words are events.
         others: name of the rule in `_word_kernels` for words that are not events; "" only counts these words.
-        none: bits that are 0 in every valid word, in the word that `odd` tests. Decoding stops if such a bit is set.
-        first: words that are no events are counted as `OTHER` if one of these bits is set, otherwise as `SECOND`.
-            -1: all of these words are counted as `OTHER`.
+        none: mask of the bits that must be 0 in the word that `odd` tests. Decoding stops if such a bit is set.
+        first: mask. A word that is not an event is counted as `OTHER` if one of the bits of the mask is set, otherwise
+            as `SECOND`. With -1 all words that are not events are counted as `OTHER`.
         rule: rule for the time field: 0, `WRAPS`, `HALF` or `GAPS`.
         is_big: words are big-endian.
         is_signed: the time may be negative.
@@ -112,8 +113,8 @@ State = npt.NDArray[np.int64]
 OTHER, STARTED, STOPPED, BEGIN, CLOCK, SECOND, ADDED, STATES = range(8)
 """Indices into the state of a decoder. `OTHER`: number of skipped words. `STARTED`: 1 after a word that states a time.
 `STOPPED`: 1 if the next bytes do not fit the layout. `BEGIN`: us to add to the times of events. `CLOCK`: last time of
-the clock, -1 before the first. `SECOND`: number of skipped words of a second kind, or the last TIME_HIGH, depending on
-the format. `ADDED`: us that the wraps of TIME_HIGH add."""
+the clock, -1 before the first. `SECOND`: in formats with TIME_HIGH words the last TIME_HIGH, else the number of skipped
+words of a second kind (see `Layout.first`). `ADDED`: us that the wraps of TIME_HIGH add."""
 
 
 def encoded(layout: Layout, events: Events) -> npt.NDArray[np.uint8]:
@@ -162,7 +163,7 @@ class Decoder:
         state: updated by `decode`.
         size: size of an event, or of a word that may contain several events, bytes.
         unit: the data are multiples of this size, bytes.
-        capacity: function from bytes to their largest number of events. None: one event in `size` bytes.
+        capacity: function that returns the largest number of events in some bytes. None: one event in `size` bytes.
         used: number of bytes that the last call used.
     """
 
@@ -188,7 +189,10 @@ class Decoder:
         return replace(self, state=self.state.copy())
 
     def find(self, data: Bytes, event: int) -> int:
-        """Return the byte at which an event begins. Bisection finds the shortest data that contain the event."""
+        """Return the byte at which the event with an index begins.
+
+        Bisection finds the shortest data that contain the event. The event is the last one in these data.
+        """
         decoder, at = self.copy(), 0
         while event >= (count := decoder.count(data[at : at + FIND_STEP])):
             event -= count
@@ -306,5 +310,8 @@ class SeekingReader(WordReader):
         return at.place
 
     def clocks(self, step: int) -> Iterable[tuple[int, int]]:
-        """Return the first byte of each block and a time of the clock in the block. Blocks may be missing."""
+        """Return pairs of the first byte of a block and a time of the clock in the block.
+
+        Blocks without a time may be left out.
+        """
         return ()

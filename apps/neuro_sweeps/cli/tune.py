@@ -32,15 +32,15 @@ def _details(table: Any) -> None:
     from neuro_sweeps.folder import Folder
 
     front, units = table.best(), Folder(table.path).read().get("units", {})
-    for row in front[:10]:
-        values = dict(zip(table.plan.objectives, row.values or (), strict=True))
-        typer.echo(f"best: {_values_text(values, units)} at {_values_text(row.point, units)} (trial {row.number})")
+    for trial in front[:10]:
+        values = dict(zip(table.plan.objectives, trial.values or (), strict=True))
+        typer.echo(f"best: {_values_text(values, units)} at {_values_text(trial.point, units)} (trial {trial.number})")
     if len(front) > 10:
         typer.echo(f"and {len(front) - 10} more of the front, see the table")
     trials = table.trials()
     echo_failures(table.path, [item.key for trial in trials for item in trial.items])
-    for row in [trial for trial in trials if trial.has_no_value][:5]:
-        typer.echo(f"failed trial {row.number}: {row.error}")
+    for failed in [trial for trial in trials if trial.has_no_value][:5]:
+        typer.echo(f"failed trial {failed.number}: {failed.error}")
     if strays := table.strays():
         typer.echo(
             f"{strays:,} runs have no trial, since the journal was cut; later trials of the same points use them"

@@ -7,8 +7,9 @@ that external currents add in each step, with one row if it is constant. `drive`
 overwritten. No gradient flows through a reset: the V before it no longer matters.
 
 **Spikes** of a batch are packed: the spikes of a row are `ends[row] : ends[row + 1]` in `ids` and `values`. A row is
-one step of one recording, of a stretch of `width` steps from step `first` on. Input and its gradient have the shape
-(batch, steps, neurons). Rows are read by step, then neuron, so that sums have the order of the reference.
+one step of one recording. The packed stretch has `width` steps per recording and begins at step `first`. Input and its
+gradient have the shape (batch, steps, neurons). Rows are read by step, then neuron, so that sums have the order of the
+reference.
 
 Example: for 1 recording of 2 steps, neuron 4 fires in step 0, neurons 0 and 2 fire in step 1:
 `ends` = [0, 1, 3], `ids` = [4, 0, 2], `values` = [1, 1, 1].
@@ -62,8 +63,8 @@ def delta(drive, push, first, last, c, v, refractory, keep, potential, spikes, f
                 potential[b, at, i] = new
                 fate[b, at, i] = HELD if remaining > 0 else (LOW if low else FREE)
                 spikes[b, t, i] = fires
+                # `potential` has V before the reset, for the adjoint and for probes. `v` has V after the reset.
                 v[b, i] = c[V_RESET, i] if fires else new
-                # The adjoint and a probe of potentials need V before the reset; V itself is stored after it.
                 refractory[b, i] = c[REFRACTORY, i] if fires else remaining - (remaining > 0)
 
 
@@ -83,9 +84,9 @@ def delta_adjoint(first, last, c, spikes, fate, grad_potential, carry, grad):
                 # A spike resets V, so later steps do not depend on V before the spike.
                 upstream = carry[b, i] if spikes[b, t, i] == 0 else zero
                 upstream += grad_potential[b, at, i] + grad[b, t, i]
-                moved = upstream if fate[b, t, i] == FREE else zero
-                grad[b, t, i] = moved
-                carry[b, i] = c[P33, i] * moved if fate[b, t, i] != HELD else upstream
+                integrated = upstream if fate[b, t, i] == FREE else zero
+                grad[b, t, i] = integrated
+                carry[b, i] = c[P33, i] * integrated if fate[b, t, i] != HELD else upstream
 
 
 @kernel
@@ -117,12 +118,12 @@ def exp_adjoint(first, last, c, spikes, fate, grad_potential, carry, carry_curre
             for i in range(spikes.shape[2]):
                 upstream = carry[b, i] if spikes[b, t, i] == 0 else zero
                 upstream += grad_potential[b, at, i] + grad[b, t, i]
-                moved = upstream if fate[b, t, i] == FREE else zero
+                integrated = upstream if fate[b, t, i] == FREE else zero
                 # Input adds to the current after V is integrated, so the gradient of the input is the gradient of the
                 # current at the end of the step.
                 grad[b, t, i] = carry_current[b, i]
-                carry_current[b, i] = c[P11, i] * carry_current[b, i] + c[P32, i] * moved
-                carry[b, i] = c[P33, i] * moved if fate[b, t, i] == FREE else upstream
+                carry_current[b, i] = c[P11, i] * carry_current[b, i] + c[P32, i] * integrated
+                carry[b, i] = c[P33, i] * integrated if fate[b, t, i] == FREE else upstream
 
 
 @kernel
@@ -209,10 +210,11 @@ def teach_listed(ends, ids, values, first, width, row_ends, target, slot, delay,
 
 @kernel
 def pull_listed(recordings, least, row_ends, target, slot, delay, weight, grad, grad_spikes):
-    """Apply the adjoint of `push_listed` for the spikes, also at steps without a spike: a new spike changes the loss.
+    """Apply the adjoint of `push_listed` for the spikes.
 
-    Arrays have a row per neuron, of steps x recordings, so a delay is a shift along the row and the loop vectorises.
-    `grad` begins at the first step that a spike with the delay `least` reaches.
+    Steps without a spike have a gradient, too, because an additional spike would change the loss. Arrays have a row per
+    neuron, of steps x recordings, so a delay is a shift along the row and the loop vectorises. `grad` begins at the
+    first step that a spike with the delay `least` reaches.
     """
     for j in range(grad_spikes.shape[0]):
         for e in range(row_ends[j], row_ends[j + 1]):

@@ -28,8 +28,8 @@ trial. The rule also has `constants` and
                                               Rules with `delays` get and return the delay in ms, not the weight
     settle(w, since, total, c)                return the new weight after `teach` was called for all inputs of the
                                               neuron; `total` is the sum of their weights; optional
-    encourage(w, c)                           return the new weight of an input of maps that grow; required only if
-                                              lessons contain `Growth`
+    encourage(w, c)                           return the new weight of an input of the maps that a `Growth` lists;
+                                              required only if `lessons` returns a `Growth`
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ MORE_TEACHING = {"settle": 4, "encourage": 2}
 
 
 def weight(y: Any, e: int, c: Any) -> Any:
-    """Return the weight, which synapses without a function `sent` send."""
+    """Return the weight. A pre spike sends the weight if a rule has no function `sent`."""
     return y[0, e]
 
 
@@ -85,7 +85,7 @@ class Trace:
 
 
 OF_EACH: Mapping[str, Any] = {"arrays": True, "of_distance": True}
-"""Options of `quantity` for a parameter that may have a value per synapse, as weights may."""
+"""Options of `quantity` for a parameter that may have a value per synapse, like a weight."""
 
 K_PLUS, K_MINUS = Trace("tau_plus"), Trace("tau_minus")
 """Traces of NEST's all-to-all pair rules."""
@@ -98,7 +98,7 @@ class Synapse(Choice):
     Class attributes:
         learns: "" (static), "pairs" (spike pairs), "trials" (at the end of a trial), "moves" (at the end of an agent's
             move) or "chip" (by a chip's own engine).
-        chip: the chip whose registers the parameters are, or "" for a model of all backends.
+        chip: name of the chip if the parameters are registers of one chip; "" for a model of all backends.
         takes_graded: whether a plastic synapse accepts spikes with payloads.
         pre, post: the traces that a pairwise rule reads.
         modulated: whether a dopamine concentration modulates the rule.
@@ -155,7 +155,10 @@ class Synapse(Choice):
 
     @classmethod
     def identity(cls) -> str:
-        """Return the names of a third-party model's states, because an edit may swap two states of the same shape."""
+        """Return the names of the states of a third-party model.
+
+        An edit of the model may swap two states of the same shape, and only the names show the difference.
+        """
         return "" if cls.__module__.startswith("neuro.") else repr([state.name for state in cls.states])
 
     @staticmethod
@@ -183,7 +186,7 @@ class Synapse(Choice):
         return [word for word in self.numbers() if not isinstance(values[word], bool) and not is_number(values[word])]
 
     def per_synapse_fields(self) -> dict[str, str]:
-        """Return the names of the parameters with a value per synapse, by field of this class."""
+        """Map each field of this class with a value per synapse to the name of its parameter."""
         varying, names = self.per_synapse(), [entry.name for entry in fields(self)]
         return {name: word_of(name) for name in names if word_of(name) in varying}
 

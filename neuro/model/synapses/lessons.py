@@ -52,7 +52,7 @@ class TrialEnd:
         silenced: whether dropout silenced each map, shape (maps,).
         potential: largest V_m of each map at the decision (before the reset), or at the end of a trial without a
             decision, shape (maps,). With several winners, V_m of each map is read at the first decision of the map.
-        best: the neuron with this V_m in each map, shape (maps,).
+        best: the neuron with the V_m `potential` in each map, shape (maps,).
         peak: for rules with `peaks`, the largest V_m of each neuron of the output up to the decision, shape (neurons,).
             It is infinite for the neuron that decided.
         peak_tick: for rules with `peaks`, the first tick with this V_m, shape (neurons,). For the neuron that
@@ -73,7 +73,7 @@ class TrialEnd:
     peak_tick: Ints | None
 
     def best_excited(self) -> int:
-        """Return the neuron of the right label with the largest V_m at the decision or the end.
+        """Return the neuron of the right label with the largest V_m, from `potential` and `best`.
 
         The result is -1 if all maps of the label are silenced.
         """

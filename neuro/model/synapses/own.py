@@ -91,8 +91,8 @@ def _check_traces(label: str, model: type[Synapse]) -> None:
 def _check_shared_parameters(label: str, model: type[Synapse]) -> None:
     """Raise an error for a per-synapse parameter that must be shared.
 
-    Synapses of one source or target share traces and dopamine. Rules for trials and moves have one number for all
-    synapses.
+    Synapses of one source or target share traces and dopamine. The parameters of a rule for trials or moves are the
+    same for all synapses.
     """
     shared = {trace.tau for trace in (*model.pre, *model.post)} | {trace.starts for trace in model.pre}
     for word, q in model.quantities().items():
