@@ -1,6 +1,6 @@
 """Expected drift of weights under `r_stdp`, from the outcomes of trials and the times of inputs.
 
-Weights are shares of the way from Wmin to Wmax. docs/explanation/recognisers.md derives the formulas.
+Weights are scaled so that Wmin is 0 and Wmax is 1. docs/explanation/recognisers.md derives the formulas.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from neuro_doctor.wiring import Wiring
 Floats = NDArray[np.float64]
 
 EARLY, EARLY_AT_MOST = 0.25, 0.58
-"""Range of the share of right decisions before epsilon has raised the weights: 0 is chance, 1 is 100 %.
+"""Smallest and largest accuracy before epsilon has raised the weights, scaled so that chance is 0 and 100 % is 1.
 
 ReMuS on N-MNIST reaches 0.24 to 0.27 in the first 1000 trials at a threshold of 30, and 0.37 to 0.58 at 60, depending
 on the recordings: docs/explanation/recognisers.md.
@@ -34,7 +34,7 @@ class Shares(NamedTuple):
         rewarded: (3, ...), share of trials in which the weight's neuron was rewarded and its input came before, at, or
             after the decision; a silent input counts as after.
         punished: (3, ...), the same for trials in which the neuron was punished.
-        grown: (...), share of trials that were wrong or silent and whose label is that of the weight's map.
+        grown: (...), share of wrong or silent trials with the label of the weight's map.
     """
 
     rewarded: Floats
@@ -62,8 +62,8 @@ class Drift:
     def fixed_points(self) -> tuple[Floats, Floats]:
         """Return the stable weight, and the weight above which weights drift to the upper bound.
 
-        If the push is not negative, or the lift is above a quarter of its magnitude, all weights end at the upper
-        bound: the results are 1 and 0. If push and lift are 0, nothing drifts: the results are NaN.
+        If the push is not negative, or the lift is above |push| / 4, all weights end at the upper bound: the results
+        are 1 and 0. If push and lift are 0, nothing drifts: the results are NaN.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             discriminant = 1.0 + 4.0 * self.lift / self.push
@@ -90,7 +90,7 @@ class Drift:
         cases = [(square > 0.0) & (s * n > 1e-6), (square < 0.0) & (s * n > 1e-6)]
         u = np.select(cases, [hyperbolic[0], circular[0]], straight[0])
         v = np.select(cases, [hyperbolic[1], circular[1]], straight[1])
-        # Without a fixed point u / v passes infinity and returns from below; the bound ends the growth before.
+        # Without a fixed point u / v passes infinity and returns from below. The weight reaches 1 before that.
         n_at_bound = np.arctan2(s * (1.0 - w), self.lift + half_push * (1.0 - w))  # times s
         at_bound = (v <= 0.0) | ((square < 0.0) & (s * n >= n_at_bound))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -212,7 +212,7 @@ def _outcome_drifts(rule: neuro.r_stdp, before: float) -> list[Drift]:
 
 
 def findings(wiring: Wiring) -> Iterator[Finding]:
-    """Yield findings, from the description, about maps that become silent and weights that epsilon drives to Wmax."""
+    """Yield findings about maps that become silent and weights that epsilon drives to Wmax, without a simulation."""
     program, trials = wiring.program, wiring.program.trials
     if trials is None or not 0 < trials.maps_per_label < trials.maps or not trials.reward[0] > 0.0 > trials.reward[1]:
         return
@@ -242,17 +242,22 @@ def findings(wiring: Wiring) -> Iterator[Finding]:
         share = required_share(rule, weight, p_pre, trials.maps_per_label)
         if share <= limit:
             continue
-        reach = chance + EARLY_AT_MOST * (1.0 - chance)
-        soon = (1.0 - float(weight.mean())) / (rule.epsilon * chance * (1.0 - chance))
+        high_limit = chance + EARLY_AT_MOST * (1.0 - chance)
+        n_trials = (1.0 - float(weight.mean())) / (rule.epsilon * chance * (1.0 - chance))
         by_chance = (
-            f"by chance epsilon brings a mean weight to Wmax in {figure(soon)} trials, and then all maps decide alike"
+            f"by chance epsilon brings a mean weight to Wmax in {figure(n_trials)} trials, "
+            "and then all maps decide alike"
         )
-        saturation = f"at this chance ReMuS on N-MNIST has {limit:.0%} to {reach:.0%} right early: weights may saturate"
+        saturation = (
+            f"at this chance ReMuS on N-MNIST has {limit:.0%} to {high_limit:.0%} right early: weights may saturate"
+        )
         evidence = (
             f"epsilon = {rule.epsilon:g} outweighs rewards and punishments until {share:.0%} of the trials are right, "
-            f"of which chance is {chance:.0%}; {by_chance if share > reach else saturation}"
+            f"of which chance is {chance:.0%}; {by_chance if share > high_limit else saturation}"
         )
-        low, upper = (sufficient_epsilon(rule, weight, p_pre, trials.maps_per_label, end) for end in (limit, reach))
+        low, upper = (
+            sufficient_epsilon(rule, weight, p_pre, trials.maps_per_label, end) for end in (limit, high_limit)
+        )
         lower = f"lower epsilon to about {figure(low)}" if low > 0.0 else "set epsilon to 0"
         lower += f", or at most {figure(upper)} if decisions are right early" if upper > 0.0 else ""
         yield warning("weights-saturate", part, evidence, f"{lower}, or set rescue: true")

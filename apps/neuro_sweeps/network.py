@@ -115,7 +115,7 @@ class NetworkRun:
         Clock(net.resolution).step(self._ms(run), "for")
 
     def units(self, names: Iterable[str]) -> dict[str, str]:
-        """Return the units of parameters and metrics by name, without names that have no unit."""
+        """Return the units of parameters and metrics by name. A name without a unit is left out."""
         net, _ = self.at_point({})
         units = {name: _unit(net, name) for name in names}
         return {name: unit for name, unit in units.items() if unit}
@@ -216,8 +216,10 @@ RUN = ("backend", "for")
 """Settings of the run that a sweep may vary."""
 
 PREFIXES = ("backend", "chip")
-"""First words of parameters such as `backend.OPTION`, an option of the backend, and `chip.costs.NAME` or
-`chip.limits.NAME`, a figure of the chip's table."""
+"""First words of the parameters that belong to the run.
+
+`backend.OPTION` is an option of the backend. `chip.costs.NAME` and `chip.limits.NAME` are figures in the chip's table.
+"""
 
 
 def split_point(
@@ -302,9 +304,9 @@ def _unit(net: Network, name: str) -> str:
         return UNITS[first]
     if name == "for" or (part in net.projections and word == "delay"):
         return "ms"
-    weighted = word_after if first in ("weight", "weight_sd") else part if word == "weight" else ""
-    if weighted in net.projections:
-        target = net.populations[net.projections[weighted].target]
+    projection = word_after if first in ("weight", "weight_sd") else part if word == "weight" else ""
+    if projection in net.projections:
+        target = net.populations[net.projections[projection].target]
         return str(getattr(target.model, "weight_unit", ""))
     choices: list[Choice] = [net.populations[part].model] if part in net.populations else []
     choices += [net.projections[part].synapse, net.projections[part].rule] if part in net.projections else []

@@ -22,7 +22,7 @@ class ChipEngine(Settable):
     """A quantised program in execution; `neuro.program.backend.Engine` describes the methods.
 
     Args:
-        fixed: registers and words.
+        fixed: the program in the integers of the chip: registers of neurons and words of weights.
         strict: whether an overflow during a run is an error instead of a warning.
     """
 

@@ -15,11 +15,18 @@ from neuro_chip.loihi_step import EIGHT, ONE, SIX, V_LIMIT, ZERO, i32, multiplie
 from neuro_chip.tables import Arrays
 
 TURN = i32(2**23)
+"""Largest current of lava, whose currents wrap to (-2^23, 2^23]."""
 
 
 @subkernel
 def arrivals(net, row, step):
-    """Add the planes of a population to its common ring; return the beginning of the slot of this step."""
+    """Add the input of this step from all planes of a population to the population's ring.
+
+    A plane is the ring of a projection whose sums are shifted or wrapped before they are added.
+
+    Returns:
+        Index in `net.ring` of the step's input to the first neuron.
+    """
     n = row[t.END] - row[t.BEGIN]
     slot = (step & (row[t.SLOTS] - 1)) * n
     begin = row[t.RING] + slot
@@ -29,7 +36,11 @@ def arrivals(net, row, step):
 
 @subkernel
 def second_arrivals(net, row, step):
-    """Add the planes of the second receptor to the first plane; return the beginning of the slot of this step."""
+    """Add the input of this step to the second receptor from all its planes to the first plane of the population.
+
+    Returns:
+        Index in `net.ring` of the step's input to the first neuron.
+    """
     n = row[t.END] - row[t.BEGIN]
     slot = (step & (row[t.SLOTS] - 1)) * n
     begin = net.planes[row[t.PLANES], t.PLANE_RING] + slot
@@ -53,7 +64,7 @@ def add_planes(net, first, last, slot, n, receptor, begin):
 
 @subkernel
 def add_plane(slots, sums, shift, lost):
-    """Drop the `lost` upper bits of sums, shift the sums down, add and clear them."""
+    """Add sums to slots and clear the sums. Before, each sum loses its `lost` upper bits and is shifted down."""
     for k in range(slots.size):
         slots[k] = i32(slots[k] + i32(i32(i32(sums[k] << lost) >> lost) >> shift))
         sums[k] = ZERO
@@ -250,7 +261,7 @@ _COLUMNS = {
 
 
 def write(a: Arrays, row: NDArray[np.int64], neurons: slice, r: Mapping[str, Ints]) -> None:
-    """Write the registers of a population to rows `neurons` of the arrays that its step reads."""
+    """Write the registers `r` of a population to the arrays that its step reads, at the indices `neurons`."""
     for name, column in _COLUMNS.items():
         row[column] = int(r[name][0]) if name in r else 0
     row[t.INPUT_EXP] = sum(int(r[name][0]) for name in ("spike_exp", "state_exp", "exp") if name in r)

@@ -16,9 +16,12 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 Ints: TypeAlias = npt.NDArray[np.int64]
 
 MOST = 1.25
-"""Largest magnitude of a value. The critic's neurons are silent at -1.6 and spike in each ms at 3.8."""
+"""Largest magnitude of a value that the critic has to represent.
+
+The critic's neurons are silent at a value of -1.6 and spike in each ms at 3.8.
+"""
 SOME = 500
-"""Number of control steps for the average of a value, or of the size of errors."""
+"""Number of control steps over which a value or the size of errors is averaged."""
 
 
 class RewardScale:
@@ -26,7 +29,7 @@ class RewardScale:
 
     Args:
         discount: discount of the next reward.
-        scale: value of a state with a typical reward in each step, for ever.
+        scale: value of a state from which each step, for ever, has a typical reward.
 
     Attributes:
         factor: factor of a reward for the critic.
@@ -42,11 +45,13 @@ class RewardScale:
     def learn(self, rewards: Sequence[float], returns: Sequence[float] = ()) -> None:
         """Compute the scale from rewards. Nothing changes if all rewards are 0.
 
-        A typical reward in each step, for ever, has the value `scale`. If rewards are rare, steps without a reward do
-        not count: only the rewards within the horizon and within an episode do. The value of all states before learning
-        is the value of random moves, at least 0, because a value that is too high makes an agent explore. If rewards
-        are rare, this first value is at most the best return: a goal that ends the episode must not have a lower value
-        than the states before the goal.
+        A state from which each step, for ever, has a typical reward gets the value `scale`. Rewards are rare if fewer
+        than half of the steps have one. Then `scale` is the value of as many typical rewards as occur within the
+        horizon or within an episode, whichever is fewer, but of at least one.
+
+        The value of all states before learning is the value of random moves, at least 0, because a value that is too
+        high makes an agent explore. If rewards are rare, the value before learning is at most the best return: a goal
+        that ends the episode must not have a lower value than the states before the goal.
 
         Args:
             rewards: rewards of control steps.
@@ -113,9 +118,14 @@ class TemporalDifference:
         self.reward, self._value, self._ended = [0.0] * copies, [0.0] * copies, [False] * copies
 
     def errors(self, values: list[float], moment: Moment) -> list[float]:
-        """Return the errors of the action before the last action. The values of the present states complete them."""
+        """Return the errors of the predictions one control step ago.
+
+        Args:
+            values: values of the present states, which the errors need as V(now).
+            moment: the present control step.
+        """
         per_copy = zip(self.reward, values, self._ended, self._value, moment.first.tolist(), strict=True)
-        # The state after the end of an episode has the value 0, but not after a cut-off. A first step has no error.
+        # V(now) is 0 after the end of an episode, but not after a cut-off. The first step of an episode has no error.
         errors = [
             (reward + self._discount * value * (not ended) - before) * (not first)
             for reward, value, ended, before, first in per_copy
@@ -158,7 +168,7 @@ class Novelty:
         self.counts: Ints = np.zeros(0, dtype=np.int64)
 
     def join(self, cells: Callable[[Floats], Ints], size: int) -> None:
-        """Start counting active places: `cells(observation)` of `size` places."""
+        """Start counting. `cells` returns the active places of an observation, and there are `size` places."""
         self._cells, self.counts = cells, np.zeros(size, dtype=np.int64)
 
     def of(self, observations: Floats) -> list[float]:
@@ -175,7 +185,7 @@ class ErrorScale:
     """Scale of errors. Errors scaled to one size let the same learning rate fit any task.
 
     Args:
-        size: mean root mean square of the errors; None for unscaled errors.
+        size: root mean square of the scaled errors; None for unscaled errors.
 
     Attributes:
         scales: True if errors are scaled to a size.

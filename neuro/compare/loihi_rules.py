@@ -10,8 +10,9 @@
 | several spikes of a generator in a step | one | a payload |
 | refractory period, learning | yes | no |
 
-All weight words are compared. The registers are compared in every step of a run on both chips. Models of one
-chip, whose parameters are registers, are converted to models of the other chip.
+All weight words are compared. The registers are compared in every step of a run on both chips. A model such as
+`loihi_lif` has the registers of one chip as parameters. It is converted to the model of the other chip, here
+`loihi2_lif`.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class RuleDifference:
 
     Attributes:
         part: part of the network.
-        where: synapse, or neuron and step, and quantity.
+        where: place of the difference, e.g. "weight[3], 5 of 80 weights" or "neuron 2, step 7: v, 1 of 9 neurons".
         loihi, loihi2: value on each chip.
         why: rule that causes a difference of weights or counts, or the reason of a refusal; "" for registers, whose
             difference may follow from earlier differences.
@@ -138,7 +139,7 @@ def _population(part: Population, name: str) -> Population:
         return part
     required = {"refractory": 1} if name == "loihi2" else {"reset_interval": 0}
     if any(np.any(part.parameters[word] != value) for word, value in required.items()):
-        return part  # the other chip refuses it
+        return part  # not converted, so the other chip refuses the population
     quantities = model.quantities()
     common = {word: values for word, values in part.parameters.items() if word in quantities}
     added = {word: np.full(1, float(value)) for word, value in model.defaults().items() if word not in common}

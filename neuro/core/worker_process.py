@@ -23,7 +23,7 @@ from neuro.core.extension import run_extensions
 
 
 class _Unpickler(pickle.Unpickler):
-    """Unpickler that runs the parent's script once, as a module, when an object of the script is loaded."""
+    """Unpickler that runs the parent's script as a module when the first object of the script is loaded."""
 
     script: Mapping[str, Any] = {}
 
@@ -93,10 +93,10 @@ def main() -> None:
         try:
             attempt, job = _read(message)
             result = work(job, attempt, lambda content: replies.tell("said", content))
-            read = inputs.recorded_inputs()
-            if len(read) > reported:
-                replies.tell("read", read[reported:])
-                reported = len(read)
+            input_files = inputs.recorded_inputs()
+            if len(input_files) > reported:
+                replies.tell("read", input_files[reported:])
+                reported = len(input_files)
             replies.tell("done", result)
         except BaseException as error:
             replies.raised("raised", error)
@@ -109,7 +109,8 @@ def _prepare(settings: Mapping[str, Any]) -> None:
         os.environ["PYTHONPATH"] = settings["python_path"]
     sys.argv[:], sys.path[:] = settings["argv"], settings["paths"]
     _Unpickler.script = settings["script"]
-    for name in settings["read"]:  # files that this process writes have the parent's inputs in their provenance
+    # The provenance of a file that this process writes names the inputs of the parent, too.
+    for name in settings["read"]:
         inputs.record_input(name)
 
 

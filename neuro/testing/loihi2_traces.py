@@ -1,12 +1,12 @@
 """Golden cases of lava's fixed-point processes as networks of Loihi 2, compared bit for bit.
 
 A file has several cases by name. Its arrays are named `CASE__NAME`, with time as the first axis. Step k of a file, from
-0, is step k + 1 of a simulation. The input `a_in` of a neuron must be emitted one step before it arrives, which delays
-the simulation by a further step.
+0, is step k + 1 of a simulation. In a file the first input `a_in` reaches a neuron in step 0. A simulation emits this
+input in step 1, and the input arrives in step 2. So a simulation with `a_in` lags behind the file by a further step.
 
-| kind | recognised by | compared |
+| kind of case | recognised by its array, parameter or name | compared |
 | --- | --- | --- |
-| connections | array `a` | sums of arriving messages, which `graded_vector` emits |
+| connections | array `a`, without `dw` | sums of arriving messages, which `graded_vector` emits |
 | LIF, with reset, ternary | `du` | u, v and spikes |
 | RF, RF_IZ | `sin_decay` | real, imag and spikes |
 | SigmaDelta, Delta, Sigma | `act_mode`; `spike_exp`; the name | all states and messages |
@@ -48,7 +48,7 @@ Array = NDArray[Any]
 
 
 def is_of_loihi2(facts: Mapping[str, Any]) -> bool:
-    """Return whether a file has cases of lava's processes by name."""
+    """Return whether a file is a mapping from names to cases of lava's processes."""
     return bool(facts) and "cases" not in facts and all(isinstance(case, Mapping) for case in facts.values())
 
 
@@ -136,7 +136,8 @@ def _learning(
     """Compare weights, tags and traces after each step, and the sums of arriving messages.
 
     A teacher makes the targets fire as in the file: its messages cancel the expected input and add a strong input for
-    each expected spike. The state u is therefore the deviation from the expected input.
+    each expected spike. So the state u of a target is the received input minus the expected input, plus
+    the strong input at an expected spike.
     """
     post, x, expected_input = arrays["post"], arrays["x"], arrays["a"].astype(np.int64)
     n_post, n_pre = post.shape[1], x.shape[1]
@@ -218,7 +219,7 @@ def _synapse(case: Mapping[str, Any], weights: Array) -> Synapse:
 
 
 def _with_messages(case: Mapping[str, Any], arrays: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the arrays with the messages that a connection receives as `x`: each is 1 if a message has no bits."""
+    """Return the arrays, with `x` as the messages that a connection receives. A message without payload bits is 1."""
     binary = case.get("num_message_bits") == 0
     return {**arrays, "x": (arrays["x"] != 0).astype(np.int64) if binary else arrays["x"]}
 
@@ -233,7 +234,7 @@ def _add_input(net: Network, values: Array, name: str = "in") -> None:
 def _run(net: Network, steps: int, states: Any, backend: str | Backend, lag: bool = False) -> dict[str, Array]:
     """Run a network and return the states by name, and the payloads as "s", all of shape (steps, neurons).
 
-    If `lag`, the bias is 0 in the first step.
+    With `lag` the simulation is one step behind the file, so the bias is 0 in the first step.
     """
     for state in states:
         net.probe(state, "out", state)

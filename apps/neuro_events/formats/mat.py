@@ -10,8 +10,9 @@ Structs become mappings. Cells and arrays of structs become lists. Text, sparse 
 skipped.
 
 A struct with ``ts`` beside ``x``, ``y``, ``p`` counts columns and rows from 1, so 1 is subtracted. Its polarities may
-be 1 for OFF and 2 for ON. Examples: ``TD`` of Orchard's scripts, the cells of ``ROI`` in DVS-BARREL. A struct with
-``timeStamp`` (jAER's AedatTools: ``aedat.data.polarity``) and vectors in the file itself count from 0.
+be 1 for OFF and 2 for ON. Examples: ``TD`` of Orchard's scripts, the cells of ``ROI`` in DVS-BARREL. Columns and rows
+are counted from 0 in a struct with ``timeStamp`` (jAER's AedatTools: ``aedat.data.polarity``), and in vectors outside
+of structs.
 ``metadata`` has ``variable`` and ``counted_from``. `load` reads files with one recording, `samples` with any number.
 
 Sources: MathWorks, "MAT-File Format", R2024b, chapter 1; ``Read_Ndataset.m`` of the N-MNIST data set ("first pixel
@@ -165,6 +166,7 @@ def _of_hdf5(file: Any, node: Any, depth: int) -> Any:
     return node[()]
 
 
+# codes of MATLAB for the types of stored numbers, the types of elements, and the classes of matrices
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 MATRIX, COMPRESSED = 14, 15
 CELL, STRUCT = 1, 2
@@ -232,7 +234,8 @@ def _matrix(content: memoryview, order: str, depth: int) -> tuple[str, Any]:
         raise ValueError("a variable has no class or no shape")
     word = int(np.frombuffer(flags[:4], order + "u4")[0])
     count = math.prod(np.frombuffer(shape, order + "i4").tolist())
-    return bytes(name).decode("utf-8", "replace"), _value(word & 0xFF, bool(word & 0x800), count, parts, order, depth)
+    matrix_class, is_complex = word & 0xFF, bool(word & 0x800)
+    return bytes(name).decode("utf-8", "replace"), _value(matrix_class, is_complex, count, parts, order, depth)
 
 
 def _value(kind: int, complex_: bool, count: int, parts: Any, order: str, depth: int) -> Any:

@@ -93,7 +93,7 @@ class Receiver:
             n_bytes = self._receive()
             if n_bytes == 0 and self._reconnect is not None:
                 self._connect()
-            else:  # the ring is full (TCP), or an error
+            else:  # the ring is full (TCP only), or the call failed
                 time.sleep(0.001)
 
     def _connect(self) -> None:
@@ -113,7 +113,7 @@ class Receiver:
 
     @property
     def entries(self) -> tuple[int, int]:
-        """Numbers of the first entry in the ring and of the end."""
+        """Number of the first entry in the ring, and number of the next entry to be received."""
         return int(self._state[kernels.TAKEN, 0]), int(kernels.arrived(self._state))
 
     def received(self, entry: int) -> int:
@@ -121,7 +121,7 @@ class Receiver:
         return int(self.index[entry % ENTRIES, kernels.RECEIVED])
 
     def before(self, ns: int) -> int:
-        """Return the end of the entries in the ring that were received before a time of `time.monotonic_ns`."""
+        """Return the number of the first entry in the ring that was received at `ns` or later."""
         first, last = self.entries
         return first + bisect_left(range(first, last), ns, key=self.received)
 
@@ -202,6 +202,6 @@ def _calls() -> NDArray[np.int64]:
     if sys.platform not in ("linux", "darwin") or ctypes.sizeof(ctypes.c_void_p) != 8:
         raise ModelError(f"listening to events: found the system {sys.platform}: expected 64-bit Linux or macOS")
     library = ctypes.CDLL(None)
-    names = (library.recvmsg, library.clock_gettime, library.write)
-    places = [ctypes.cast(name, ctypes.c_void_p).value or 0 for name in names]
-    return np.array([*places, time.CLOCK_MONOTONIC], np.int64)
+    functions = (library.recvmsg, library.clock_gettime, library.write)
+    addresses = [ctypes.cast(function, ctypes.c_void_p).value or 0 for function in functions]
+    return np.array([*addresses, time.CLOCK_MONOTONIC], np.int64)

@@ -294,10 +294,16 @@ def _unfit(node: Node, shape: Shape, expected: str) -> ModelError:
 
 
 def _pair(node: Node, value: Any, word: str, least: int) -> Pair:
-    """Return the numbers of a field for rows and columns. A single number of Conv1d is for the columns."""
+    """Return the numbers of a field for rows and columns.
+
+    A Conv1d has one number, for columns. Its number for rows is 0 for the padding, else 1. Example: the stride 3 of a
+    Conv1d is (1, 3).
+    """
     numbers = wholes(value)
-    offset = 0 if word == "padding" else 1
-    pair = (offset, *numbers) if node.kind == "Conv1d" else tuple(numbers * 2 if len(numbers) == 1 else numbers)
+    number_for_rows = 0 if word == "padding" else 1
+    pair = (
+        (number_for_rows, *numbers) if node.kind == "Conv1d" else tuple(numbers * 2 if len(numbers) == 1 else numbers)
+    )
     if len(pair) != 2 or min(pair) < least:
         raise ModelError(f"node '{node.name}': {word} = {as_text(value)}: expected whole numbers >= {least}")
     return pair[0], pair[1]

@@ -48,7 +48,7 @@ STEP = "neuro_dt_ms"
 """Key of a graph's metadata for the length of a step in ms."""
 
 LONG = 10_000
-"""Number of steps. If the shortest time constant is longer, dt is assumed to be in seconds by mistake."""
+"""Number of steps. If the shortest time constant has more steps, the user probably gave dt in seconds."""
 
 LACKS = {
     **dict.fromkeys(("norse", "sinabs"), ("Delay", "Scale", "Threshold", "AvgPool2d")),
@@ -74,6 +74,7 @@ _HOW = {
     "Scale": "part of the weights",
     "Delay": "part of the delays of the weights",
 }
+"""Representation of each type of node in a network, for verdicts."""
 
 
 @dataclass(slots=True)
@@ -226,7 +227,7 @@ def _find_links(analysis: Analysis) -> None:
         links = analysis.links[first:]
         passes_on = len(links) == 1 and _is_identity(analysis, links[0]) and not analysis.bias[name].any()
         if node.kind == "Output" and not passes_on:
-            # The potential of neurons without memory that never fire represents an Output of weighted spikes.
+            # An Output of weighted spikes becomes a population without memory that never fires. Its V_m is the output.
             zero = np.zeros(node.shape)
             cell = Cell(zero, zero, zero + 1.0, "V_m of neurons without memory that never fire")
             analysis.cells[name], analysis.models[name] = cell, model_of(cell, analysis.step * 1e3)
@@ -263,8 +264,8 @@ def _add_link(analysis: Analysis, path: list[str], counted: set[tuple[str, ...]]
     Args:
         analysis: the analysis, changed in place.
         path: names of the nodes, from the source to the target.
-        counted: tails of paths, each from a node with a bias to the target, whose bias is already added. Several paths
-            can have the same tail.
+        counted: tails of paths whose bias is already added. A tail begins at a node with a bias and ends at the
+            target. Several paths can have the same tail.
     """
     graph = analysis.graph
     nodes = [graph.nodes[name] for name in path]
@@ -310,7 +311,7 @@ def _add_link(analysis: Analysis, path: list[str], counted: set[tuple[str, ...]]
             if other.kind == "Delay" and other.array("delay").any() and full_bias.any():
                 note = f"{_HOW['Delay']}; the bias of '{node.name}' acts from the first step here, in the tool later"
                 analysis.verdicts[other.name] = Verdict(other.name, "Delay", APPROXIMATE, note, measured=FIRST_STEPS)
-        # The GraphExecutor delays recurrent input by a step, so its bias is not added in the first step.
+        # The GraphExecutor delays recurrent input by a step, so the bias of recurrent input is 0 in the first step.
         is_late = path[0] == path[-1] and analysis.tool in BY_GRAPH_EXECUTOR
         (analysis.late_bias if is_late else analysis.bias)[path[-1]] += compose([*maps[k + 1 :], identity])(full_bias)
 
@@ -320,8 +321,8 @@ def _find_depths(analysis: Analysis) -> None:
 
     In the tools a spike passes all forward layers in the same step, and recurrent connections of a layer take a step.
     Here every connection takes at least one step. So the delay of a node is at least the number of layers on its
-    shortest path from the Input. A Delay on the path does not absorb these steps. Neurons behind a Delay of 5 steps
-    fire 5 steps after neurons of the same layer without a Delay, as in the tool.
+    shortest path from the Input. A Delay on the path does not replace any of these steps. So neurons behind a Delay of
+    5 steps fire 5 steps after neurons of the same layer without a Delay, as in the tool.
     """
     inputs = [name for name, node in analysis.graph.nodes.items() if node.kind == "Input"]
     depths = analysis.depths
@@ -339,10 +340,10 @@ def _find_depths(analysis: Analysis) -> None:
     links = [(x, 1 - round(x.lag.min() / analysis.step)) for x in analysis.links if x.target in analysis.cells]
     for _ in depths:
         shallow_nodes = {
-            x.target for x, added in links if depths[x.source] + added - (x.source == x.target) > depths[x.target]
+            x.target for x, steps in links if depths[x.source] + steps - (x.source == x.target) > depths[x.target]
         }
         for name in shallow_nodes:
-            depths[name] = max(depths[x.source] + added for x, added in links if x.target == name and x.source != name)
+            depths[name] = max(depths[x.source] + steps for x, steps in links if x.target == name and x.source != name)
         if not shallow_nodes:
             break
     else:

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from neuro_torch.events import Train
-from neuro_torch.scan import kernels as rows
+from neuro_torch.scan import kernels
 from neuro_torch.scan.gradients import joined
 from neuro_torch.scan.layers import Cells, Component, ScanTask, Synapses
 
@@ -29,7 +29,7 @@ class SpikeLists(NamedTuple):
 
 
 def pack_train(train: Train, task: ScanTask) -> SpikeLists:
-    """Return the spikes of a population of inputs as lists on the device of the pass."""
+    """Return the spikes of an input population as lists, on the device of the scan."""
     recording = torch.repeat_interleave(torch.arange(task.batch), torch.from_numpy(train.ends).diff())
     parts = (recording, torch.from_numpy(train.step).long(), torch.from_numpy(train.neuron).long())
     return SpikeLists(*(part.to(task.device) for part in parts))
@@ -43,9 +43,9 @@ def drive(part: Synapses, spikes: Tensor | SpikeLists, weight: Tensor, task: Sca
         if delay >= task.steps:
             continue
         if isinstance(spikes, SpikeLists):
-            inside = spikes.step + delay < task.steps
-            place = (spikes.recording * task.steps + spikes.step + delay)[inside]
-            out = out.flatten(0, 1).index_add(0, place, matrix[spikes.neuron[inside]]).view(out.shape)
+            arrives = spikes.step + delay < task.steps
+            place = (spikes.recording * task.steps + spikes.step + delay)[arrives]
+            out = out.flatten(0, 1).index_add(0, place, matrix[spikes.neuron[arrives]]).view(out.shape)
         else:
             arriving = torch.matmul(spikes[:, : task.steps - delay], matrix)
             out = out + torch.nn.functional.pad(arriving, (0, 0, delay, 0))
@@ -120,20 +120,20 @@ class _Population:
     def go(self, t: int) -> None:
         """Run one step."""
         c, is_refractory = self.c, self.refractory > 0
-        new = c[rows.E_L] + c[rows.P33] * (self.v - c[rows.E_L])
+        new = c[kernels.E_L] + c[kernels.P33] * (self.v - c[kernels.E_L])
         if self.part.model == "iaf_psc_delta":
             new = new + self.push[t] + self.drive[t]
-            new = torch.where(new < c[rows.V_MIN], c[rows.V_MIN], new)
+            new = torch.where(new < c[kernels.V_MIN], c[kernels.V_MIN], new)
         else:
-            new = new + c[rows.P32] * self.current + self.push[t]
-            self.current = self.current * c[rows.P11] + self.drive[t]
+            new = new + c[kernels.P32] * self.current + self.push[t]
+            self.current = self.current * c[kernels.P11] + self.drive[t]
         new = torch.where(is_refractory, self.v, new)
-        fired = new >= c[rows.V_TH]
+        fired = new >= c[kernels.V_TH]
         # The sign of the difference of two numbers is exact, so x >= 0 where V >= V_th.
-        self.spikes.append(self.fire((new - c[rows.V_TH]) / (c[rows.V_TH] - c[rows.V_RESET]), self.task))
+        self.spikes.append(self.fire((new - c[kernels.V_TH]) / (c[kernels.V_TH] - c[kernels.V_RESET]), self.task))
         self.potential.append(new)
-        self.v = torch.where(fired, c[rows.V_RESET], new)
-        self.refractory = torch.where(fired, c[rows.REFRACTORY], (self.refractory - 1).clamp(min=0))
+        self.v = torch.where(fired, c[kernels.V_RESET], new)
+        self.refractory = torch.where(fired, c[kernels.REFRACTORY], (self.refractory - 1).clamp(min=0))
 
 
 def scan(
