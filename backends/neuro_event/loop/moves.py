@@ -149,7 +149,7 @@ def move_entry(model):
         net, plastic = net_of(view), plastic_of(view)
         c, y, lit = plastic.move_rule[k], plastic.move_y, plastic.move_lists[thread, LIT]
         first_source, to = plastic.move_table[k, t.MOVE_SOURCE], plastic.move_table[k, t.MOVE_SYNAPSE] + lo
-        spikes, seen, gate = plastic.move_spikes, plastic.move_seen, plastic.move_gate
+        spikes, values, gate = plastic.move_spikes, plastic.move_seen, plastic.move_gate
         i_0, n = np.uint64(plastic.move_table[k, t.MOVE_TARGET] + lo), np.uint64(hi - lo)
         # These are read once a step: in the loop, the compiler would read them again after each store to `y`.
         for at in range(plastic.move_count[thread, k, LIT]):
@@ -159,7 +159,7 @@ def move_entry(model):
             pre = traces(plastic, thread, (first_source + source) * t.MOVE_TRACES)
             s_0 = np.uint64(to + source * width)
             for e in range(n):
-                gather(y, s_0 + e, c, pre, spikes[i_0 + e], seen[i_0 + e], gate[i_0 + e])
+                gather(y, s_0 + e, c, pre, spikes[i_0 + e], values[i_0 + e], gate[i_0 + e])
 
     @subkernel
     def gather_from(view, k, source, thread, n):
