@@ -62,12 +62,12 @@ def train(
             "--envs",
             metavar="N",
             parser=at_least(1),
-            help="Environments side by side, each with a copy of the network; the copies add up what they learn.",
+            help="Environments side by side, each with a copy of the network; their weight changes are summed.",
         ),
     ] = 1,
     save: Annotated[
         Path | None,
-        typer.Option("--save", metavar="NET", help="Network file for 'neuro run': untrained, with its world."),
+        typer.Option("--save", metavar="NET", help="File for 'neuro run': the untrained network with its world."),
     ] = None,
     set: Set = [],  # noqa: B006
 ) -> None:

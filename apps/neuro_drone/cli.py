@@ -66,7 +66,7 @@ Set = Annotated[
     typer.Option(
         "--set",
         metavar="NAME=VALUE",
-        help="Setting of the scenario, e.g. camera.tilt=30, or of an untrained controller, e.g. eta=1e-3; repeatable.",
+        help="Setting of the scenario, e.g. camera.tilt=30, or of the new controller, e.g. eta=1e-3; repeatable.",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
@@ -96,7 +96,7 @@ def train(
             "--repeats",
             metavar="N",
             parser=at_least(1),
-            help="Number of parallel trainings; seeds count from --seed and end the file names, e.g. model-0.h5.",
+            help="Number of parallel trainings; seeds from --seed up; a file for each seed, e.g. model-0.h5.",
         ),
     ] = 1,
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Model file to write.")] = Path("model.h5"),

@@ -67,7 +67,7 @@ class Options:
 
     for_: str | None = option(
         "--to TOOL",
-        "Tool that will read OUT: norse, snntorch, sinabs, spikingjelly or nir (default); c: C99 in the folder OUT.",
+        "Tool that reads the .nir OUT: norse, snntorch, sinabs, spikingjelly, nir (default); c: C99 in the folder OUT.",
         use=Use((), (".nir",)),
     )
     as_json: bool = option("--json", "Print the verdicts as JSON instead of a table.", False)
@@ -116,7 +116,7 @@ class Options:
         "--flash SIZE", "Error if the program needs more flash than this, e.g. 1M.", parser=memory_size, **_C
     )
     frozen: bool = option("--frozen", "Leave out learning rules; weights stay as in IN.", False, **_C)
-    recording: Path | None = option("--recording REC", "Event recording that the C test uses as input.", **_C)
+    recording: Path | None = option("--recording REC", "Event recording as input of the test of the C code.", **_C)
 
     def set_by_user(self, *names: str) -> dict[str, Any]:
         """Return the values of those of the named options that the user set."""

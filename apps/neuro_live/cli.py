@@ -112,7 +112,8 @@ LiveOut = Annotated[
 ShowPage = Annotated[
     bool,
     typer.Option(
-        "--page", help="Show the run in the browser. Without --input, --out and streams, the page controls the speed."
+        "--page",
+        help="Show the run in the browser, which sets the speed if no --input, --out or stream is used.",
     ),
 ]
 Host = Annotated[str, typer.Option("--host", metavar="NAME", help="Name or address at which the page listens.")]

@@ -58,7 +58,7 @@ Search = Annotated[
     Option(
         "--search",
         metavar="A,B=1:2,...",
-        help="Search settings for the front of accuracy and joules: A in its usual range, B from 1 to 2.",
+        help="Settings to vary for the front of accuracy and joules: A in its usual range, B from 1 to 2.",
     ),
 ]
 Budget = Annotated[int, Option(metavar="N", min=1, help="Number of networks that --search trains.")]

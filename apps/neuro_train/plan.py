@@ -69,14 +69,19 @@ class TrainingPlan(Settings):
     )  # fmt: skip
     batch: int = setting(20, "", "batch size: number of recordings per update of the weights", at_least=1, option="N")
     rate: float = setting(
-        0.01, "", "peak learning rate for weights near 0.1; grows with the weights", above=0, option="R"
+        0.01, "", "peak learning rate for weights near 0.1; scales with the size of the weights", above=0, option="R"
     )
     decay: float = setting(
-        0.01, "", "weight decay of AdamW: share of each weight lost per update, times the rate", at_least=0, option="R"
+        0.01, "", "weight decay of AdamW: each update removes R x --rate of a weight", at_least=0, option="R"
     )
     loss: str = setting("count", "", "loss function: " + ", ".join(LOSSES), option="NAME")
     temperature: float = setting(
-        3.0, "", "temperature of the softmax over classes, in units of --loss: spikes, mV, steps", above=0, option="N"
+        3.0,
+        "",
+        "temperature of the softmax over classes: spikes for count, mV for potential, steps for first_spike",
+        above=0,
+        option="X",
+    
     )  # fmt: skip
     surrogate: str = setting("fast_sigmoid", "", "gradient: fast_sigmoid, arctan, slayer or triangle", option="NAME")
     slope: float = setting(1.0, "", "steepness of --surrogate, for V_m in units of V_th - V_reset", above=0, option="X")

@@ -196,7 +196,7 @@ PRICED = "loihi,spinnaker,spinnaker2,truenorth,cpu,gpu"
 
 Chips = Annotated[
     Any,
-    typer.Option("--chips", metavar="A,B,...", parser=name_list, help="Chips, or files of chips' tables, for energy."),
+    typer.Option("--chips", metavar="A,B,...", parser=name_list, help="Chips, or files with tables of chips."),
 ]
 Per = Annotated[
     tuple[int, str],

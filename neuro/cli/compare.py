@@ -25,7 +25,7 @@ Rules = Annotated[
     bool,
     typer.Option(
         "--rules",
-        help="Compare Loihi 1 and 2 instead: print the integers that differ, and the rule that explains each.",
+        help="Compare only loihi with loihi2: the integers that differ, each with the arithmetic rule behind it.",
     ),
 ]
 Html = Annotated[Path | None, typer.Option("--html", metavar="FILE", help="HTML page with numbers and pictures.")]

@@ -289,7 +289,8 @@ Steps = Annotated[
     int | None, typer.Option(metavar="N", parser=at_least(1), help="Largest number of control steps in the world.")
 ]
 Until = Annotated[
-    float | None, typer.Option(metavar="R", help="Goal that ends the run: mean return of the last 100 episodes.")
+    float | None,
+    typer.Option(metavar="R", help="Goal that ends the run: mean reward per episode, of the last 100 episodes."),
 ]
 NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the address of the page without opening it.")]
 Threads = Annotated[int, typer.Option("--threads", metavar="N", parser=at_least(1), help="Number of threads.")]

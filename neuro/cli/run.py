@@ -52,7 +52,7 @@ Record = Annotated[
 ]
 ResultsOut = Annotated[Path, typer.Option(metavar="FILE", help="HDF5 file of the results.")]
 AllWeights = Annotated[
-    bool, typer.Option("--all-weights", help="Write all static weights, also of projections above a million synapses.")
+    bool, typer.Option("--all-weights", help="Static weights also of projections above a million synapses.")
 ]
 Episodes = Annotated[
     int | None, typer.Option(metavar="N", parser=at_least(1), help="Largest number of episodes in the world.")
@@ -64,14 +64,14 @@ CopiesOf = Annotated[
         "--copies",
         metavar="N",
         parser=at_least(1),
-        help="Number of worlds side by side, each with a copy of the network; the copies add up what they learn.",
+        help="Number of worlds side by side, each with a copy of the network; their weight changes are summed.",
     ),
 ]
 Pace = Annotated[
     float | None,
     typer.Option("--pace", metavar="X", help="Speed limit of the world, as a multiple of real time; default: none."),
 ]
-Resume = Annotated[bool, typer.Option("--resume", help="Continue an interrupted or killed run of a world.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Continue the interrupted or killed run of a world to --out.")]
 Verbose = Annotated[
     bool, typer.Option("--verbose", help="Print each approximation of the backend, instead of their number.")
 ]

@@ -34,7 +34,7 @@ sweep, _folder = commands_of(
         "Do all missing runs of a sweep. Run the same command again to continue an interrupted sweep.",
         "Print the numbers of runs that are done, failed, under way and left, and the errors of failed runs.",
         "Write an HTML page about a sweep so far: metrics over parameters, all runs, and errors.",
-        "Do only part I of N of the runs, I from 1 to N (0 means N), for array jobs of a cluster.",
+        "Runs of one array job: the I-th of N equal shares, I from 1 to N (0 means N).",
         _table_of,
         lambda table: f"{len(table):,} runs",
         lambda table: echo_failures(table.path, table.keys),
