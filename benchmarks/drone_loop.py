@@ -2,7 +2,7 @@
 
     python benchmarks/drone_loop.py [--steps 60000] [--seeds 0 1 2 3 4] [--starts 5] [--backend event]
         [--only NAME ...] [--curve STEPS] [--lesions NAME ...] [--repair 60000] [--chips NAME ...]
-        [--set NAME=VALUE ...] [--json FILE]
+        [--set NAME=VALUE ...] [--links] [--json FILE]
 
 The network is `neuro_models/loop.yaml`. After the training its weights are frozen and its babbling neurons are cut off.
 Then it flies one lap of B60 from each of starts x starts places on varied paths, as `neuro drone test` does. The figure
@@ -20,6 +20,8 @@ mirrored, or all motors are turned by 45 degrees, as if the camera had turned. T
 steps), and again after each --curve steps of further learning, up to --repair. Babbling is as in the training, or as
 --set says. With --chips each row has the energy of a control step on these chips, with learning and in flight.
 
+With --links each row also has the links from the error to dopamine in the 2,000 steps before.
+
 A row of `loop.yaml` has two figures of the learnt weights onto the motors, pA, mean of both axes. Common is the mean of
 all weights. Difference is half of what the right motor has above the wrong one, mean of the fields beside the middle.
 """
@@ -27,6 +29,7 @@ all weights. Difference is half of what the right motor has above the wrong one,
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import tempfile
 from collections.abc import Callable, Sequence
@@ -57,6 +60,8 @@ ONTO_MOTORS = {"columns_motors_x": (15, 2), "rows_motors_y": (15, 2), "cells_mot
 """Numbers of sources and targets of the projections that lesions cut, in both networks."""
 EPISODE, STEP = 100, 50.0
 """Number of control steps of an episode of training, and duration of a control step in ms, as in both networks."""
+BLOCK, EDGES = 2000, (0, 3, 6, 12, 24, 64)
+"""Number of control steps that `links` reads at most, and bounds of distances from the middle, px."""
 CUT = 0.2
 LESIONS: dict[str, dict[str, Any]] = {
     "cut": {},
@@ -169,6 +174,46 @@ def common_and_difference(weights: Weights, left: Left | None) -> tuple[float, f
     return float(np.mean(common)), float(np.mean(difference))
 
 
+class Noted(DroneEnv):
+    """The world, which notes the time of the network, ms, and the error of the x axis, px, after each control step."""
+
+    def __init__(self) -> None:
+        super().__init__("B60")
+        self.loop: neuro.ClosedLoop | None = None
+        self.notes: list[tuple[float, float]] = []
+
+    def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:
+        """See `DroneEnv`."""
+        result = super().step(action)
+        if self.loop is not None:
+            self.notes.append((self.loop.sim.time, result[4]["error"][0]))
+        return result
+
+
+def links(env: Noted) -> str:
+    """Return the links from the error to dopamine in the present block of steps: x axis, one value a control step.
+
+    These are the mean rate of a reward neuron by distance of the ball, the correlation of the critic's rate with the
+    reward's, and mean and spread of the dopaminergic neurons' rate.
+    """
+    assert env.loop is not None
+    ends, errors = np.array(env.notes).T
+    begin = np.flatnonzero(np.diff(ends, prepend=np.inf) < 0)[-1]  # time is that of the block, which begins anew
+    ends, distance = ends[begin:], np.abs(errors[begin:])
+    rates = []
+    for name in ("reward_x", "critic_x", "snc_x"):
+        times = np.sort(env.loop.sim.spikes(name)[0])
+        counts = np.searchsorted(times, ends, "right") - np.searchsorted(times, ends - STEP, "right")
+        rates.append(counts / 20 / STEP * 1000.0)
+    reward, critic, snc = rates
+    bins = [(low, high, reward[(low <= distance) & (distance < high)]) for low, high in itertools.pairwise(EDGES)]
+    by_distance = ", ".join(f"{low} to {high} px {part.mean():.0f}" for low, high, part in bins if part.size)
+    dopamine = f"snc {snc.mean():.1f} +- {snc.std():.1f} Hz"
+    return (
+        f"reward by distance, Hz: {by_distance}; critic with reward {np.corrcoef(critic, reward)[0, 1]:.2f}; {dopamine}"
+    )
+
+
 def main() -> None:
     """Train, fly and print a row for each control and seed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -182,6 +227,7 @@ def main() -> None:
     parser.add_argument("--repair", type=int, default=60_000)
     parser.add_argument("--chips", nargs="+", default=[])
     parser.add_argument("--set", nargs="+", default=[], metavar="NAME=VALUE")
+    parser.add_argument("--links", action="store_true")
     parser.add_argument("--json", type=Path, default=None)
     args = parser.parse_args()
     parameters = {name: float(value) for name, value in (one.split("=") for one in args.set)}
@@ -210,10 +256,16 @@ def main() -> None:
             print(f"pid: {test.error_px:.2f} px, {test.laps} of {test.starts} laps", flush=True)
             continue
         for seed in args.seeds:
-            loop = neuro.closed_loop(network(control, **parameters), seed=seed, backend=args.backend)
+            env = Noted()
+            world = gymnasium.wrappers.TimeLimit(env, EPISODE) if args.links else None
+            noting = {"record": True, "block": BLOCK} if args.links else {}
+            net = network(control, **parameters)
+            loop = env.loop = neuro.closed_loop(net, world, seed=seed, backend=args.backend, **noting)
             for steps in range(args.curve or args.steps, args.steps + 1, args.curve or args.steps):
                 loop.run(steps=steps)
                 tell(loop, control, seed)
+                if args.links:
+                    print(f"  {links(env)}", flush=True)
             for lesion in args.lesions:
                 left, weights = damaged(lesion, control, loop.pilot.weights, seed)
                 env = gymnasium.wrappers.TimeLimit(DroneEnv("B60", **LESIONS[lesion]), EPISODE)
