@@ -124,8 +124,11 @@ class Network(Description):
                     raise unknown(f"state of {model.name}", state, states, path=path)
                 initial_values[state] = check(states[state], value, f"{label}: initial.{state}", path)
         words = {"positions": positions, "extent": extent, "periodic": periodic}
-        stated_words = {word: value for word, value in words.items() if value is not None and value is not False}
-        checked_words = {word: self._checked(Population, word, value, label) for word, value in stated_words.items()}
+        checked_words = {  # the default of each word, which needs no check, is that of the part
+            word: self._checked(Population, word, value, label)
+            for word, value in words.items()
+            if value is not getattr(Population, word)
+        }
         part = Population(name, sizes, model, initial_values, self._where(), **checked_words, neurons=neurons)
         return self._add(self.populations, part)
 
