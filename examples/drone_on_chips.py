@@ -17,7 +17,6 @@ from neuro_drone.energy import compute_bills
 from neuro_drone.evaluate import grid, try_out
 from neuro_drone.train import train
 
-STEP_S = 0.05
 SPINNAKER = {"shifts": {"motors": [2, 0]}, "signals": {"cells_motors": 0.1}}
 SETTINGS = {
     "event": {},
@@ -36,7 +35,7 @@ for backend, settings in SETTINGS.items():
     print(f"{backend:9}: {result.error_px:.2f} px, {result.laps} of {result.starts} laps")
     shortest = min(len(lap.track) for lap in result.each)
     offsets = np.array([np.hypot(*lap.track[:shortest].T) for lap in result.each])
-    left.plot(STEP_S * np.arange(shortest), offsets.mean(axis=0), label=backend, lw=1)
+    left.plot(model.scenario.step / 1000 * np.arange(shortest), offsets.mean(axis=0), label=backend, lw=1)
 left.set(xlabel="time (s)", ylabel="error (px)", title="nine laps with frozen weights, mean", yscale="log")
 left.legend(frameon=False)
 

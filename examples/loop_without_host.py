@@ -43,11 +43,12 @@ host = [item for item in flight.sim.energy("loihi").items if item.what == "host"
 print(f"operations of a host in flight: {sum(item.count for item in host):,.0f}")
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.2), layout="constrained")
-left.plot(numbers, errors, "o-")
-left.set(xlabel="control steps", ylabel="error of frozen weights (px)", title="four laps", yscale="log")
+left.plot(np.array(numbers) / 1000, errors, "o-")
+left.set(xlabel="thousand control steps", ylabel="error of frozen weights (px)", title="four laps", yscale="log")
 onto = training.pilot.weights["columns_motors_x"].reshape(15, -1, 2).mean(axis=1)
 for motor, name in enumerate(("positive", "negative")):
     right.plot(np.arange(15) - 7, onto[:, motor], marker="o", label=f"onto the {name} motor")
 right.set(xlabel="field (from the middle)", ylabel="weight (pA)", title="learnt weights of the columns")
-right.legend(frameon=False)
+right.set_ylim(top=1600)
+right.legend(frameon=False, loc="upper center", ncols=2)
 figure.savefig("loop_without_host.png", dpi=100)
